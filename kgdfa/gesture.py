@@ -35,6 +35,9 @@ class Gesture(Enum):
     ROCK = "rock"
 
 
+GESTURE_NAMED = {gesture.value: gesture for gesture in Gesture}
+
+
 class Finger(IntEnum):
     """In the order of every (5,) array of this package; the names are the paper's."""
 
@@ -114,13 +117,11 @@ class Verdict:
     """A gesture or none, with the constraint that decided it.
 
     confidence: in [0, 1]; of the named gesture, or of the best one where the verdict is none.
-    nearest: the gesture that came closest, also when it was refused.
     explanation: which constraint decided, and what it measured.
     """
 
     gesture: Gesture | None
     confidence: float
-    nearest: Gesture | None
     explanation: Explanation
 
 

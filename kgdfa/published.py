@@ -217,6 +217,5 @@ class PublishedRules:
         return Verdict(
             gesture=row.gesture if held else None,
             confidence=float(scores[best]),
-            nearest=row.gesture,
             explanation=Explanation(decision, {"gesture": row.gesture, "measure": _explain(best, column, measures)}),
         )

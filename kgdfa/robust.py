@@ -20,7 +20,7 @@ import numpy as np
 
 from kgdfa.errors import KgdfaError, KgdfaFault
 from kgdfa.features import FEATURES, Measure, Unit, features
-from kgdfa.gesture import Decision, Explanation, Finger, FingerState, Gesture, Verdict, fingers_in
+from kgdfa.gesture import GESTURE_NAMED, Decision, Explanation, Finger, FingerState, Gesture, Verdict, fingers_in
 from kgdfa.hand import FloatArray, Hand
 from logs.reading.arrays import check_finite, read_arrays
 from logs.reading.errors import cause_of
@@ -123,7 +123,6 @@ _GROUPS = (*Finger, None)
 _GROUP_MASKS = np.array([[feature.group is group for feature in FEATURES] for group in _GROUPS])
 _MEMBERS = [np.flatnonzero(mask).tolist() for mask in _GROUP_MASKS]
 _EXPLAINED = [feature.explain() for feature in FEATURES]
-_NAMES = {gesture.value: gesture for gesture in Gesture}
 _LIMITS: dict[Unit, tuple[Limit, Limit, str]] = {
     Unit.DEGREES: (Limit.BELOW_DEGREES, Limit.ABOVE_DEGREES, "_deg"),
     Unit.PALMS: (Limit.BELOW_PALMS, Limit.ABOVE_PALMS, ""),
@@ -267,7 +266,6 @@ class RobustRules:
         return Verdict(
             gesture=GESTURES[nearest] if accepted and missing is None else None,
             confidence=confidence,
-            nearest=GESTURES[nearest],
             explanation=explanation,
         )
 
@@ -279,7 +277,7 @@ class _Explainer:
         self._model = model
         self._typical = model.normalize(model.typical)
         self._low, self._high, self._spread = model.low.tolist(), model.high.tolist(), model.spread.tolist()
-        self._classes = [_NAMES.get(name, Decision.NO_GESTURE) for name in model.classes]
+        self._classes = [GESTURE_NAMED.get(name, Decision.NO_GESTURE) for name in model.classes]
 
     def accepted(self, values: FloatArray, normalized: FloatArray, nearest: int, rival: int) -> Explanation:
         """What keeps it from being the rival: the group whose exchange for the rival's costs the most."""

@@ -10,8 +10,6 @@ from collections.abc import Container, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import msgspec
-
 from logs.disk import Disk, is_being_written
 from logs.journal import MANIFEST, Found, Moment, current_part, found_torn, keep_end, open_part, parts_of
 from logs.keys import ConsoleKey, PublicKey, by_fingerprint
@@ -19,13 +17,12 @@ from logs.line import GENESIS, MAX_LINE
 from logs.reading.errors import UNDECODABLE
 from logs.reading.regular import open_regular
 from logs.reason import Reason, reason
-from logs.records import LogClosed, LogOpened, LogRecovered, Record
+from logs.records import LogClosed, LogOpened, LogRecovered, decode_record
 from logs.scan import Scan, scan_file
 from logs.trail import open_logger
 
 MANIFEST_SESSION = "manifest"
 _LogEntry = LogOpened | LogClosed | LogRecovered
-_decode = msgspec.json.Decoder(Record).decode
 
 
 @dataclass(slots=True, kw_only=True)
@@ -63,7 +60,7 @@ def _read_into(listing: Listing, path: Path, records: int, trusted: Container[st
     with open_regular(path) as file:
         while taken < records and (line := file.readline(MAX_LINE)):
             try:
-                record = _decode(line)
+                record = decode_record(line)
             except UNDECODABLE:
                 continue  # a torn tail that a later entry explains
             taken += 1

@@ -6,16 +6,13 @@ from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 
-import msgspec
-
 from logs.line import MAX_LINE, unseal
 from logs.reading.errors import UNDECODABLE
 from logs.reading.regular import open_regular
-from logs.records import OtherTrail, Record
+from logs.records import OtherTrail, decode_record
 from logs.scan import head_of
 
 _HASH_BYTES = 32
-_decode = msgspec.json.Decoder(Record).decode
 # Quotes inside of text are escaped, so only the field itself can match.
 _MENTION = b'"kind":"other-trail"'
 _CHECKPOINT = b'"kind":"checkpoint"'
@@ -73,7 +70,7 @@ class TrailIndex:
 
     def _add_mention(self, line: bytes, sequence: int) -> None:
         try:
-            record = _decode(line)
+            record = decode_record(line)
         except UNDECODABLE:
             return  # of a newer version: nothing that this one could check
         if isinstance(record.body, OtherTrail):

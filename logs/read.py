@@ -15,10 +15,9 @@ from logs.errors import AuditError, AuditFault
 from logs.line import MAX_LINE
 from logs.reading.errors import UNDECODABLE, cause_of
 from logs.reading.regular import open_regular
-from logs.records import ActionEnd, Command, EventRaised, PatientChosen, Record, Refusal, Stop
+from logs.records import ActionEnd, Command, EventRaised, PatientChosen, Record, Refusal, Stop, decode_record
 from logs.verify import is_session
 
-_decode = msgspec.json.Decoder(Record).decode
 _BEGINNING = 200  # records; every process begins and the patient is chosen within the first dozens
 NOT_A_RECORD = "not-a-record"  # kinds of what is none
 NOT_UNDERSTOOD = "not-understood"
@@ -53,7 +52,7 @@ def records(path: Path) -> list[Record]:
 def understand(line: bytes, number: int) -> Record | UnreadableLine:
     """One line."""
     try:
-        return _decode(line)
+        return decode_record(line)
     except UNDECODABLE as error:
         return _unreadable_line(line, number, str(error))
 

@@ -6,8 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-import msgspec
-
 from logs.disk import is_being_written
 from logs.findings import Finding, Remark, Status, Verdict
 from logs.journal import MANIFEST, is_journal, part_is_cut
@@ -18,7 +16,7 @@ from logs.mirror import SUFFIX, copied, copied_files, differing
 from logs.reading.errors import UNDECODABLE, cause_of
 from logs.reading.regular import open_regular
 from logs.reason import Reason, reason
-from logs.records import SCHEMA, LogClosed, LogRecovered, Record, SessionStart
+from logs.records import SCHEMA, LogClosed, LogRecovered, SessionStart, decode_record
 from logs.scan import Progress, Scan, scan_file
 
 __all__ = ["Evidence", "Finding", "Status", "exit_status", "is_session", "verify"]
@@ -170,7 +168,7 @@ def _wrong_history(path: Path, scan: Scan, listing: Listing) -> Reason | None:
         return None
     with open_regular(path) as file:
         try:
-            body = msgspec.json.decode(file.readline(MAX_LINE), type=Record).body
+            body = decode_record(file.readline(MAX_LINE)).body
         except UNDECODABLE:
             return None  # of another version: only the chain is checked
     if not isinstance(body, SessionStart) or body.history_hash in ("", GENESIS):

@@ -10,7 +10,7 @@ import math
 import re
 import types
 import typing
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Any
@@ -67,6 +67,19 @@ def _people(held: Any, path: str, factor: float) -> Any:
     if isinstance(held, float) and factor != 1.0:
         return round(held * factor, _DIGITS)
     return held
+
+
+def flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested tables as one, by dotted field."""
+    fields: dict[str, Any] = {}
+    for key, value in table.items():
+        fields |= flat(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {prefix + key: value}
+    return fields
+
+
+def changed(old: Mapping[str, Any], new: Mapping[str, Any], fields: Iterable[str]) -> dict[str, tuple[Any, Any]]:
+    """Those of the fields that differ, in their order, with both values; None: absent."""
+    return {field: (old.get(field), new.get(field)) for field in fields if old.get(field) != new.get(field)}
 
 
 def from_file(table: Mapping[str, Any], kind: type[Struct], prefix: str = "") -> dict[str, Any]:

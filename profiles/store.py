@@ -17,7 +17,7 @@ from msgspec import Struct
 from logs.reading.errors import cause_of
 from logs.reading.formats import read_json_lines
 from profiles.errors import ProfileError, ProfileFault
-from profiles.fields import IDENTIFIER, check, to_file
+from profiles.fields import IDENTIFIER, changed, check, flat, to_file
 from profiles.files import decode, encode, read_text, replace_files
 from profiles.schema import DEMO_PATIENT, Profile
 
@@ -200,13 +200,5 @@ class ProfileStore:
 
 def differences(before: Profile | None, after: Profile) -> dict[str, tuple[Any, Any]]:
     """Each field (dotted, as in files) that differs, with both values; None: absent."""
-    old, new = _flat(to_file(before)) if before else {}, _flat(to_file(after))
-    keys = [*new, *(key for key in old if key not in new)]
-    return {key: (old.get(key), new.get(key)) for key in keys if old.get(key) != new.get(key)}
-
-
-def _flat(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in table.items():
-        flat.update(_flat(value, f"{prefix}{key}.") if isinstance(value, dict) else {prefix + key: value})
-    return flat
+    old, new = flat(to_file(before)) if before else {}, flat(to_file(after))
+    return changed(old, new, new | old)

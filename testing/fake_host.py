@@ -49,6 +49,19 @@ ALLOWED_STANDING = (
 )
 JOINT = JointSnapshot(angle_rad=0.1, target_rad=0.12, speed_rad_s=0.0, torque_nm=3.2, temperature_c=31.0, age_ms=2.0)
 
+STANDING = ControlSnapshot(
+    incarnation=1,
+    sequence=1,
+    at_ns=0,
+    state=GaitState.STANDING,
+    effect=Effect.NOTE,
+    armed=True,
+    patient_confirmed=True,
+    enabled=True,
+    allowed=ALLOWED_STANDING,
+    joints=(JOINT, JOINT, JOINT, JOINT),
+)
+
 
 def flat(width_px: int = 96, height_px: int = 54) -> Preview:
     """A picture of one colour."""
@@ -189,9 +202,8 @@ class FakeHost:
 
     def _snapshot(self, now_ns: int) -> ControlSnapshot:
         standing = self.state is GaitState.STANDING
-        usual = ControlSnapshot(
-            incarnation=1,
-            sequence=1,
+        usual = msgspec.structs.replace(
+            STANDING,
             at_ns=now_ns,
             state=self.state,
             effect=self.effect,
@@ -199,7 +211,6 @@ class FakeHost:
             patient_confirmed=self.confirmed,
             enabled=standing,
             allowed=ALLOWED_STANDING if standing else (ACTION_OF[Gesture.ZERO],),
-            joints=(JOINT, JOINT, JOINT, JOINT),
             by_key_only=by_key_only(vocabulary_of(self.setup.profile)),
             events=self.events,
             real_time=RealTime(fifo=True, memory_locked=True, cores_awake=True, core=1),
@@ -232,6 +243,21 @@ class FakeHost:
             camera_fault=self.camera_fault,
             press_zone=self.press_zone,
         )
+
+
+def without_hand(captured_ns: int, sequence: int, threshold_m: float) -> TriggerReport:
+    """Perception's report of a frame, without what its pipeline found."""
+    return TriggerReport(
+        incarnation=1,
+        sequence=sequence,
+        captured_ns=captured_ns,
+        sent_ns=captured_ns,
+        hand=False,
+        gesture=None,
+        camera="c",
+        threshold_m=threshold_m,
+        fps=30.0,
+    )
 
 
 def event(event: Event, effect: Effect, since_ns: int = 0, **detail: Value) -> ActiveEvent:

@@ -90,6 +90,12 @@ class WatchedSession(ABC):
             if not self.effects or self.effects[-1][1] != name:
                 self.effects.append((snapshot.at_ns, name))
 
+    @property
+    def now(self) -> ControlSnapshot:
+        """The newest snapshot, once one has come."""
+        assert self.snapshot is not None
+        return self.snapshot
+
     def perception_fps(self) -> float:
         """Frames a second that perception has judged since its first report, by their capture; 0 without perception."""
         first, last = self.first_report, self.report

@@ -214,9 +214,7 @@ def _reading(number: int, in_view: bool) -> FrameReading:
 
 
 def _report(reading: FrameReading, state: Recognition) -> Report:
-    named = Verdict(
-        gesture=reading.gesture, confidence=0.987654, nearest=reading.gesture, explanation=Explanation(Decision.CLOSEST)
-    )
+    named = Verdict(gesture=reading.gesture, confidence=0.987654, explanation=Explanation(Decision.CLOSEST))
     return Report(
         captured_ns=reading.captured_ns,
         hand=None,

@@ -103,7 +103,7 @@ def _bring(session: TwoHosts, name: str, situation: Situation | None) -> None:
     _end_walk(session)
     if situation is POWER_ON or situation is None:
         session.settle()
-        if _now(session).enabled:
+        if session.now.enabled:
             _power_off(session)
     else:
         stand(session)
@@ -129,7 +129,7 @@ def _bring(session: TwoHosts, name: str, situation: Situation | None) -> None:
 
 def _end_walk(session: TwoHosts) -> None:
     """A walk outlives a short cut."""
-    if _now(session).action is Action.WALK:
+    if session.now.action is Action.WALK:
         session.send(OperatorKind.ACT, Action.WALK_END)
         session.until(lambda now: now.action is None, "the walk's end")
 
@@ -148,13 +148,13 @@ def _arm(session: TwoHosts) -> None:
     for _ in range(ARM_TRIES):
         session.send(OperatorKind.ARM)
         session.go_on(0.5)
-        if _now(session).armed:
+        if session.now.armed:
             return
-    raise TimeoutError(f"not armed: {_now(session)}")
+    raise TimeoutError(f"not armed: {session.now}")
 
 
 def _cut(session: TwoHosts, air: Air, cut_s: float) -> Found:
-    before = _now(session)
+    before = session.now
     moving = before.action is not None
     air.cut = True
     session.go_on(cut_s)
@@ -163,7 +163,7 @@ def _cut(session: TwoHosts, air: Air, cut_s: float) -> Found:
     if cut_s <= LOST_S and moving:  # it goes on by itself: a walk until it is ended, all others to their end
         back = session.until(lambda now: _gone_on(now, before), "the movement's end")
     session.go_on(WATCH_S)
-    now = _now(session)
+    now = session.now
     held = now.effect >= Effect.HOLD
     since = back if moving else before
     angles = zip(now.joints, since.joints, strict=True)
@@ -195,11 +195,6 @@ def _told(now: ControlSnapshot, cut_s: float) -> bool:
 def _gone_on(now: ControlSnapshot, before: ControlSnapshot) -> bool:
     walks = before.action is Action.WALK and before.pending is None
     return now.effect >= Effect.HOLD or (now.steps > before.steps + 1 if walks else now.action is None)
-
-
-def _now(session: TwoHosts) -> ControlSnapshot:
-    assert session.snapshot is not None
-    return session.snapshot
 
 
 def _yes(value: bool) -> str:

@@ -21,7 +21,7 @@ from rich.console import Console
 from rich.progress import track
 from rich.table import Table
 
-from app.ipc.messages import ControlSnapshot, OperatorKind
+from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, Effect, GaitState
 from app.system.paths import Home
 from testing.session import WatchedSession
@@ -57,7 +57,7 @@ class Terminals(ConsoleSession):
             limit_s = time.monotonic() + ANSWER_S
             while action is not None and time.monotonic() < limit_s:
                 self.poll()
-                now = _now(self)
+                now = self.now
                 if action in {now.action, now.pending} or now.refusal_count > before or now.effect >= Effect.HOLD:
                     return
             if action is None:
@@ -118,7 +118,7 @@ def taken_over(session: Terminals, name: str, situation: Situation | None) -> di
         with suppress(InterlockError):
             bring(session, situation)
             break
-    there = _now(session)
+    there = session.now
     gone_s = session.hang_up()
     took_s = session.take_over()
     after = session.until(lambda s: s.effect >= Effect.HOLD and s.action is None, "hold")
@@ -136,14 +136,9 @@ def taken_over(session: Terminals, name: str, situation: Situation | None) -> di
     }
     session.settle()
     if situation is None:
-        return row | {"back": _now(session).state is GaitState.UNPOWERED}
+        return row | {"back": session.now.state is GaitState.UNPOWERED}
     stand(session)
-    return row | {"back": _now(session).state is GaitState.STANDING}
-
-
-def _now(session: WatchedSession) -> ControlSnapshot:
-    assert session.snapshot is not None
-    return session.snapshot
+    return row | {"back": session.now.state is GaitState.STANDING}
 
 
 def good(row: dict[str, object]) -> bool:
@@ -169,7 +164,7 @@ def main() -> None:
         try:
             session.until(lambda _: True, "control's first message")
             for name, situation in track(chosen.items(), description="terminals", disable=not os.isatty(1)):
-                if situation is not None and not _now(session).patient_confirmed:
+                if situation is not None and not session.now.patient_confirmed:
                     bring(session, None)
                 rows.append(taken_over(session, name, situation))
         except KeyboardInterrupt:

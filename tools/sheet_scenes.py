@@ -26,7 +26,8 @@ from kgdfa.draw import draw_bones
 from kgdfa.gesture import Gesture
 from kgdfa.hand import Hand, Side
 from profiles.schema import DEMO_PATIENT, GaitParameters
-from profiles.store import Change, ProfileStore
+from profiles.store import ProfileStore
+from testing.authors import Named
 from testing.fake_host import FakeHost, event
 from testing.trails import write_sample
 
@@ -211,20 +212,10 @@ def furnish(home: Home) -> None:
         ("P-023", 1.81, 84.0, ""),
     ):
         body = {"identifier": identifier, "stature_m": stature_m, "mass_kg": mass_kg, "note": note}
-        store.create(msgspec.structs.replace(DEMO_PATIENT, **body), by=_Author(), at=BEGAN)
+        store.create(msgspec.structs.replace(DEMO_PATIENT, **body), by=Named("therapist"), at=BEGAN)
     for patient, count in (("demo", 6), ("P-017", 4)):
         for number in range(count):
             sessions.add(_session(patient, number))
-
-
-@dataclass(frozen=True, slots=True)
-class _Author:
-    """Whose changes need no sign-in: the home is thrown away."""
-
-    name: str = "therapist"
-
-    def change_profile(self, patient: str, change: Change) -> None:
-        """Allowed."""
 
 
 def _session(patient: str, number: int) -> SessionRecord:

@@ -26,7 +26,7 @@ from hal.joints.can.candump import BusRecorder, LogSummary, decode_frame, messag
 from hal.joints.can.drive import drives_of
 from hal.joints.can.scan import BusMonitor
 from hal.joints.can.scan import scan as scan_bus
-from hal.joints.device import DEFAULT_DEVICE, Exoskeleton, Joint, load_exoskeleton
+from hal.joints.device import DEFAULT_DEVICE, JOINT_NAMES, Exoskeleton, Joint, load_exoskeleton
 
 cli = typer.Typer(no_args_is_help=True)
 
@@ -45,8 +45,7 @@ def _joint(name: str) -> Joint:
     """The joint with this name. Raises HardwareError."""
     wanted = name.strip().upper().replace(" ", "_")
     if wanted not in Joint.__members__:
-        known = ", ".join(joint.name.lower() for joint in Joint)
-        raise HardwareError(DeviceFault.UNKNOWN_JOINT, name=name, known=known)
+        raise HardwareError(DeviceFault.UNKNOWN_JOINT, name=name, known=", ".join(JOINT_NAMES))
     return Joint[wanted]
 
 

@@ -24,6 +24,8 @@ from logs.reading.formats import read_json_lines
 
 FRAME_NS = TRIGGER.period_ns  # 30 frames per second: the camera's rate, where a recording names none
 MOST_SEEDS = 1000  # in one range
+DISTANCES_CM = tuple(range(10, 75, 5))  # of the paper's Tables 5 and 6
+MODES = ("published", "robust")
 CLICK_RANGE_S = (0.2, 3.0)  # to press and withdraw
 Kept = TypeVar("Kept")
 Step = Callable[[], None]  # called after each piece of work, for a progress bar

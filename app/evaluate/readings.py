@@ -21,12 +21,13 @@ from app.evaluate.harness import FRAME_NS, EvaluateFault
 from app.system.errors import AppError
 from hal.cameras.intrinsics import assumed_focal_px
 from hal.cameras.playback import decode_image
-from kgdfa.gesture import Gesture
+from kgdfa.gesture import GESTURE_NAMED, Gesture
 from kgdfa.hand import Hand
 from kgdfa.preprocess import Image
 from logs.reading.errors import cause_of
 from logs.reading.regular import read_text
 from logs.reason import Reason
+from profiles.palm import REFERENCE_OF_PALM
 
 NONE_PREFIX = "none:"
 NO_HAND = "none:nohand"
@@ -36,10 +37,8 @@ DISTANCE_COLUMNS = ("path", "distance_cm", "anchor_cm", "fx", "cx", "cy")
 _IMAGE_COLUMNS = ("path", "label", "source", "group")
 _VIDEO_COLUMNS = ("frame", "label")
 _PALM_WIDTH_M = 0.0825  # between the two populations' means; gestures don't depend on it, only where a press is
-_REFERENCE_OF_PALM = 0.75  # the paper's H: palm width less one finger of a quarter of it
 Item = TypeVar("Item")
 GESTURE_NAMES = tuple(gesture.value for gesture in Gesture)
-_BY_VALUE = {gesture.value: gesture for gesture in Gesture}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +53,7 @@ class LabelledImage:
     @property
     def gesture(self) -> Gesture | None:
         """The gesture it shows, or None."""
-        return _BY_VALUE.get(self.label)
+        return GESTURE_NAMED.get(self.label)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -112,7 +111,7 @@ def read_table(file: Path, columns: Sequence[str], *, exact: bool = True) -> lis
 
 def check_label(label: str, file: Path, line: int) -> None:
     """Raises AppError unless it is a gesture or none:<what>."""
-    if label not in _BY_VALUE and not (label.startswith(NONE_PREFIX) and len(label) > len(NONE_PREFIX)):
+    if label not in GESTURE_NAMED and not (label.startswith(NONE_PREFIX) and len(label) > len(NONE_PREFIX)):
         raise AppError(EvaluateFault.ROW_LABEL, file=file, line=line, label=label)
 
 
@@ -210,7 +209,7 @@ def _read_video(where: Path, table: Path) -> Footage:
     return Footage(
         labels=_video_labels(table, count),
         focal_px=assumed_focal_px(width_px, height_px),
-        reference_m=_REFERENCE_OF_PALM * _PALM_WIDTH_M,
+        reference_m=REFERENCE_OF_PALM * _PALM_WIDTH_M,
         period_ns=round(1e9 / rate_hz) if rate_hz > 0 else FRAME_NS,
         frames=lambda: _video_frames(where),
     )

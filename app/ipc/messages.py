@@ -12,7 +12,7 @@ from enum import Enum
 
 from msgspec import Struct
 
-from app.ipc.states import Action, Effect, Event, GaitState, Outcome, PauseCause, Source
+from app.ipc.states import ACTION_OF, Action, Effect, Event, GaitState, Outcome, PauseCause, Source
 from hal.inputs.device import InputRole
 from kgdfa.distance import DistanceSource
 from kgdfa.gesture import Gesture
@@ -254,6 +254,14 @@ class ControlSnapshot(Struct, frozen=True, kw_only=True, tag="control"):
     lateness: Lateness = Lateness()
     real_time: RealTime = RealTime()
     report_age_ms: float = 0.0
+
+
+def coming(snapshot: ControlSnapshot | None, report: TriggerReport | None) -> Action | None:
+    """What runs, or what a push would begin now. report: None where it is stale."""
+    if snapshot is None or snapshot.action is not None:
+        return snapshot.action if snapshot is not None else None
+    action = ACTION_OF.get(report.gesture) if report is not None and report.gesture else None
+    return action if action in snapshot.allowed and action not in snapshot.by_key_only else None
 
 
 class Heartbeat(Struct, frozen=True, kw_only=True, tag="heartbeat"):

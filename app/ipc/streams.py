@@ -8,6 +8,7 @@ from pathlib import Path
 from msgspec import Struct
 
 NS_PER_MS = 1_000_000
+DAMP_NS = 3_000 * NS_PER_MS  # with nobody there to support, the wearer sinks into the harness before torque goes off
 
 
 class LinkDirectory(Struct, frozen=True, kw_only=True):

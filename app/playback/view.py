@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import isfinite
 
-from app.ipc.messages import ControlSnapshot, Quad, TriggerReport
-from app.ipc.states import ACTION_OF, Action, GaitState
+from app.ipc.messages import ControlSnapshot, Quad, TriggerReport, coming
+from app.ipc.states import Action, GaitState
 from app.motion.wearer import Footing, Pose, Wearer
 from app.playback.moment import Moment, snapshot_at
 from app.playback.session import Playback, moment_ns
@@ -76,7 +76,7 @@ class Legs:
         if self._newest_ns is None or not 0 <= moment.at_ns - self._newest_ns <= GOES_ON_NS:
             self._find_footing(moment)
         self._newest_ns = moment.at_ns
-        return self._take(moment.snapshot, coming(moment))
+        return self._take(moment.snapshot, coming(moment.snapshot, moment.report))
 
     def _find_footing(self, moment: Moment) -> None:
         self.footing = Footing()
@@ -101,12 +101,3 @@ class Legs:
             return None
         self.footing.see(self.wearer, snapshot.state, snapshot.action, snapshot.action or wanted)
         return self.footing.move(self.wearer, angles_rad)
-
-
-def coming(moment: Moment) -> Action | None:
-    """What runs, or what a push would begin now."""
-    snapshot, report = moment.snapshot, moment.report
-    if snapshot is None or snapshot.action is not None:
-        return snapshot.action if snapshot is not None else None
-    action = ACTION_OF.get(report.gesture) if report is not None and report.gesture else None
-    return action if action in snapshot.allowed and action not in snapshot.by_key_only else None

@@ -23,16 +23,15 @@ from app.recording import schemas
 from app.recording.deidentify import KEPT_TOPICS, Deidentified
 from app.recording.encryption import open_recording
 from app.recording.read import Recording, RecordingReadFault, messages, session_of
+from app.recording.schemas import JOINT_FIELDS
 from app.recording.writer import RecordingWriter
 from app.system.errors import AppError
-from hal.joints.device import Joint
+from hal.joints.device import JOINT_NAMES
 from hal.joints.protocol import TICK_HZ, TICK_NS
 from logs.reading.errors import cause_of
 
 QUANTITIES = ("position_rad", "velocity_rad_s", "torque_nm", "target_rad", "target_velocity_rad_s", "feedforward_nm")
-_FIELDS = ("position", "velocity", "effort")
-_JOINTS = tuple(joint.name.lower() for joint in Joint)
-COLUMNS = tuple(f"{joint}_{quantity}" for quantity in QUANTITIES for joint in _JOINTS)
+COLUMNS = tuple(f"{joint}_{quantity}" for quantity in QUANTITIES for joint in JOINT_NAMES)
 ABOUT = {
     "axes": "angles at the joint; hip and knee flexion positive, standing = 0; torques in the same direction",
     "units": "in each column's name: rad, rad/s, Nm, s",
@@ -102,7 +101,7 @@ def read_samples(path: Path) -> Samples:
     found: dict[str, dict[int, list[list[float]]]] = {schemas.JOINT_STATE: {}, schemas.JOINT_SETPOINT: {}}
     for one in messages(recording, *found):
         joints = one.value["joints"]
-        found[one.topic][one.at_ns] = [[joint.get(field, np.nan) for joint in joints] for field in _FIELDS]
+        found[one.topic][one.at_ns] = [[joint.get(field, np.nan) for joint in joints] for field in JOINT_FIELDS]
     measured, commanded = found.values()
     times = sorted(measured.keys() & commanded.keys())  # the newest tick of a cut file may lack one
     if not times:
@@ -159,7 +158,7 @@ def to_c3d(samples: Samples, target: Path) -> None:
 def to_opensim(samples: Samples, target: Path) -> None:
     """Angles as a .mot file, torques as a .sto file beside it, by the names of Rajagopal's model."""
     even = samples.at_rate()
-    names = [COORDINATES[joint] for joint in _JOINTS]
+    names = [COORDINATES[joint] for joint in JOINT_NAMES]
     _write_storage(target, even, names, even.values[:, 0])
     moments = [f"{name}_moment" for name in names]
     _write_storage(target.with_suffix(".sto"), even, moments, even.values[:, 2])

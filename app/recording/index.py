@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from app.recording.encryption import open_recording
 from app.recording.read import DAMAGE, Recording, RecordingReadFault, Sample, messages
-from app.recording.schemas import JointStates
+from app.recording.schemas import JOINT_FIELDS, JointStates
 from app.system.errors import AppError
 from logs.reading.errors import cause_of
 
@@ -39,7 +39,6 @@ _MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time
 _TIMES = struct.Struct("<QQ")
 _MAGIC_BYTES = 8
 _DECODE = msgspec.json.Decoder(JointStates).decode
-JOINT_FIELDS = ("position", "velocity", "effort")
 
 
 @dataclass(frozen=True, slots=True)

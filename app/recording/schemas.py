@@ -41,6 +41,9 @@ class JointState(Struct, frozen=True):
     effort: float | UnsetType = UNSET
 
 
+JOINT_FIELDS = ("position", "velocity", "effort")
+
+
 class JointStates(Struct, frozen=True):
     timestamp: Time
     joints: tuple[JointState, ...]

@@ -13,12 +13,11 @@ from app.ipc.messages import OperatorCommand
 from app.ipc.recording import QUANTITIES, HandFrame, TickBatch
 from app.recording import schemas
 from app.recording.schemas import Four, Gains, JointState, JointStates, Time, time_of
-from hal.joints.device import Joint
+from hal.joints.device import JOINT_NAMES, Joint
 from logs.records import Record
 
 Message = tuple[str, int, Struct]  # topic, monotonic time, message
 
-_NAMES = tuple(joint.name.lower() for joint in Joint)
 _LEVELS = {"event-raised": 3, "refusal": 3, "stop": 3, "records-lost": 4, "guard-refusal": 4}  # of foxglove.Log
 _INFO = 2
 
@@ -59,7 +58,9 @@ def _snapshot(batch: TickBatch) -> Iterator[Message]:
         temperature_c=_four([joint.temperature_c for joint in now.joints]),
         age_ms=_four([joint.age_ms for joint in now.joints]),
         faults=tuple(
-            f"{name}: {fault.code}" for name, joint in zip(_NAMES, now.joints, strict=True) for fault in joint.faults
+            f"{name}: {fault.code}"
+            for name, joint in zip(JOINT_NAMES, now.joints, strict=True)
+            for fault in joint.faults
         ),
     )
     yield schemas.JOINT_HEALTH, now.at_ns, health
@@ -153,7 +154,7 @@ def _operator(command: OperatorCommand) -> schemas.Operator:
 
 
 def _states(when: Time, positions: list[float], speeds: list[float], efforts: list[float]) -> JointStates:
-    joints = zip(_NAMES, positions, speeds, efforts, strict=True)
+    joints = zip(JOINT_NAMES, positions, speeds, efforts, strict=True)
     return JointStates(when, tuple(JointState(name, _known(q), _known(v), _known(t)) for name, q, v, t in joints))
 
 

@@ -109,7 +109,7 @@ def _report(classified: ClassifiedFrame, recognition: Recognition) -> Report:
     return Report(
         captured_ns=reading.captured_ns,
         hand=None,
-        verdict=Verdict(gesture=named, confidence=confidence, nearest=named, explanation=NO_EXPLANATION),
+        verdict=Verdict(gesture=named, confidence=confidence, explanation=NO_EXPLANATION),
         gesture=vote.gesture,
         recognised_ns=vote.recognised_ns,
         votes=min(vote.count, VOTE_FRAMES),

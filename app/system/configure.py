@@ -22,6 +22,7 @@ from logs.reading.formats import MAX_TOML, as_struct, parse_toml
 from logs.reading.regular import read_text
 from logs.reason import reason
 from logs.records import Change
+from profiles.fields import changed, flat
 from profiles.files import CLEARED, replace_files, typed_value
 
 
@@ -39,19 +40,16 @@ def change_config(by: Authority, typed: Mapping[str, str]) -> dict[str, tuple[An
     """Set dotted fields, keeping the file's comments; what changed. Raises AppError, ProfileError, AuditError."""
     by.require(Permission.CONFIGURE)
     path = by.home.config
-    before = _flat(msgspec.to_builtins(load_config(path)))
+    before = flat(msgspec.to_builtins(load_config(path)))
     document = tomlkit.parse(_text(path))
     for field, value in typed.items():
         _set(document, field, value, before.get(field))
     text = tomlkit.dumps(document)
     try:
-        after = _flat(msgspec.to_builtins(as_struct(parse_toml(text), Config)))
+        after = flat(msgspec.to_builtins(as_struct(parse_toml(text), Config)))
     except OSError as error:
         raise AppError(ConfigFault.NOT_CHANGED, detail=cause_of(error)) from error
-    fields = dict.fromkeys((*before, *after))
-    changes = {
-        field: (before.get(field), after.get(field)) for field in fields if before.get(field) != after.get(field)
-    }
+    changes = changed(before, after, before | after)
     if changes:
         recorded = changes | {_DIGEST: (_digest(_text(path)), _digest(text))}
         why = reason(ConfigChange.BY_COMMAND)
@@ -100,10 +98,3 @@ def _text(path: Path) -> str:
 
 def _digest(text: str) -> str:
     return sha256(text.encode()).hexdigest()
-
-
-def _flat(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
-    for key, value in table.items():
-        flat |= _flat(value, f"{prefix}{key}.") if isinstance(value, Mapping) else {prefix + key: value}
-    return flat

@@ -22,7 +22,9 @@ class Joint(IntEnum):
     RIGHT_KNEE = 3
 
 
+JOINT_NAMES = tuple(joint.name.lower() for joint in Joint)  # in files
 DEFAULT_DEVICE = Path(__file__).with_name("exoskeleton.toml")
+ROOM_C = 25.0  # where no drive has warmed up
 
 # Upper limits: ten times what drives for legs have, so that a slip of the keyboard is refused and no limit vanishes.
 Degrees = Annotated[float, Meta(ge=-360, le=360)]

@@ -111,7 +111,6 @@ class JointFeedback:
     state: DriveState
     bus: BusFault = BusFault.NONE
     detail: HardwareError | None = None  # what is known of the newest fault
-    missed_replies: int = 0  # commands no drive answered in time, since opening
 
 
 class Joints(Protocol):

@@ -121,6 +121,9 @@ class Record(Payload, frozen=True, kw_only=True):
     hash: Hex
 
 
+decode_record = msgspec.json.Decoder(Record).decode
+
+
 def json_schema() -> dict[str, Any]:
     """The schema of one line of a trail."""
     schema: dict[str, Any] = msgspec.json.schema(Record)

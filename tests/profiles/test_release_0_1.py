@@ -11,7 +11,7 @@ import pytest
 from msgspec.structs import replace
 
 from profiles.store import ProfileStore
-from tests.support.authors import Named
+from testing.authors import Named
 
 DATA = Path(__file__).with_name("data") / "release-0.1"
 

@@ -14,7 +14,7 @@ from profiles.fields import RANGES, file_key, violations
 from profiles.files import decode, encode
 from profiles.schema import DEMO_PATIENT, Calibration, GaitParameters, Palm, Profile, Sex
 from profiles.store import ChangeCause, ProfileStore, differences
-from tests.support.authors import Named
+from testing.authors import Named
 
 AT = datetime(2026, 3, 1, tzinfo=UTC)
 

@@ -34,6 +34,7 @@ from logs.mirror import CheckpointCopy
 from logs.read import records
 from logs.records import Body, Entry, Record
 from logs.writer import SessionWriter
+from testing.fake_host import without_hand
 from tests.app.control.rig import SETTINGS, Rig
 from tests.app.perception.test_reporting import SCALE
 from tests.kgdfa.hands import STATES, drawn_hand
@@ -102,18 +103,7 @@ class Live12:
         for body in self.recorder.take(report):
             self.entries.append(("perception", captured_ns, body))
         count = len(self.reports) + 1
-        without_hand = TriggerReport(
-            incarnation=1,
-            sequence=count,
-            captured_ns=captured_ns,
-            sent_ns=captured_ns,
-            hand=False,
-            gesture=None,
-            camera="c",
-            threshold_m=PLACE.threshold_m,
-            fps=30.0,
-        )
-        message = with_report(without_hand, report)
+        message = with_report(without_hand(captured_ns, count, PLACE.threshold_m), report)
         self.reports[captured_ns] = (report, message)
         self.rig.spoil["report"] = message
         self.ticks(FRAME_TICKS)

@@ -21,7 +21,7 @@ from app.cli.evaluate.common import (
     progress,
     show,
 )
-from app.evaluate.harness import click_range, seed_numbers, write_json
+from app.evaluate.harness import DISTANCES_CM, click_range, seed_numbers, write_json
 from app.evaluate.readings import DISTANCE_COLUMNS, read_frames
 from app.text.catalogue import tr
 from profiles.schema import HandUsed
@@ -81,7 +81,7 @@ def trigger(
 
     measured: table6.CameraRates = {}
     if rates:
-        with open_detector(home) as detector, progress("timing", len(table6.DISTANCES_CM)) as step:
+        with open_detector(home) as detector, progress("timing", len(DISTANCES_CM)) as step:
             measured = table6.measure_rates(detector, focal_px=focal_px, step=step)
     with detector_processes(home, workers, table6.steps(changes)) as (pool, step):
         rows = table6.evaluate_trigger(pool, changes=changes, focal_px=focal_px, rates=measured, step=step)

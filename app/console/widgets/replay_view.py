@@ -21,11 +21,12 @@ from app.console.widgets.panel import DrawnPanel, Lines, Panel, plain
 from app.console.widgets.replay import curves_of, draw_picture, draw_skeleton, note_at, push_of
 from app.console.widgets.status import event_lines
 from app.console.widgets.wearer import goal_of
+from app.ipc.messages import coming
 from app.ipc.streams import LinkDirectory
 from app.playback.film import WINDOW_NS
 from app.playback.moment import Moment, joints_over, reports_between
 from app.playback.session import Playback, moment_ns
-from app.playback.view import Legs, clock, coming
+from app.playback.view import Legs, clock
 from app.system.config import Config, SessionSetup
 from app.text.catalogue import tr
 from app.text.recorded import render_recorded
@@ -153,7 +154,7 @@ class ReplayView(Container):
         pose, wearer, snapshot = self._legs.at(now), self._legs.wearer, now.snapshot
         if pose is None or snapshot is None:
             return (plain(tr("joints.waiting"), "$foreground-muted"),)
-        goal = goal_of(wearer, coming(now), snapshot)
+        goal = goal_of(wearer, coming(snapshot, now.report), snapshot)
         pairs = zip(snapshot.joints, wearer.joints, strict=True)
         view = View(
             body=wearer.body,

@@ -9,23 +9,12 @@ from app.console.widgets.curves import Curves, draw_joints, joint_fault
 from app.console.widgets.figure import View, draw
 from app.console.widgets.gait import LEADS_TO
 from app.console.widgets.panel import DrawnPanel, Lines, plain
-from app.ipc.messages import ControlSnapshot, Quad
-from app.ipc.states import ACTION_OF, Action, GaitState
+from app.ipc.messages import ControlSnapshot, Quad, coming
+from app.ipc.states import Action, GaitState
 from app.motion.wearer import MID_CROSSING, Footing, Wearer
 from app.text.catalogue import tr
 
 ROUND = 2  # digits of an angle in radians: smaller changes move no dot
-
-
-def coming(state: SessionState) -> Action | None:
-    """What runs, or what a push would start now."""
-    snapshot, report = state.snapshot, state.report
-    if snapshot is None:
-        return None
-    if snapshot.action is not None:
-        return snapshot.action
-    action = ACTION_OF.get(report.gesture) if report is not None and report.gesture and state.report_fresh else None
-    return action if action in snapshot.allowed and action not in snapshot.by_key_only else None
 
 
 def goal_of(wearer: Wearer, action: Action | None, snapshot: ControlSnapshot) -> Quad | None:
@@ -76,7 +65,7 @@ class FigurePanel(_WearerPanel):
         if not all(isfinite(joint.angle_rad) for joint in snapshot.joints):  # drives that have never answered
             self.lines, self._drawn = _waiting(), None
             return
-        action = coming(state)
+        action = coming(state.snapshot, state.report if state.report_fresh else None)
         self._footing.see(wearer, snapshot.state, snapshot.action, action)
         scene = self._footing.scene
         goal = goal_of(wearer, action, snapshot)

@@ -14,15 +14,14 @@ from rich.table import Table
 
 from app.evaluate.harness import FRAME_NS, Step, decorate, figure, percent, table
 from app.evaluate.readings import LabelledFrame
+from app.perception.pipeline import RANGES
 from app.text.catalogue import tr
 from hal.cameras.playback import decode_image
-from kgdfa.distance import Distance, PublishedRange, RangeFinder
+from kgdfa.distance import Distance, RangeFinder
 from kgdfa.hand import FloatArray
 from kgdfa.keypoints import HandDetector
-from kgdfa.robust_distance import RobustRange
 
 TILT_BINS_DEG = (0, 15, 30, 90)
-FINDERS: dict[str, type[PublishedRange] | type[RobustRange]] = {"published": PublishedRange, "robust": RobustRange}
 COLUMNS = "empty n lost mae bias p95_cm within_5cm near_3 near_10"
 STYLES: dict[str, dict[str, Any]] = {
     "published": {"color": "tab:orange", "linestyle": "--", "marker": "s"},
@@ -113,13 +112,13 @@ class FramesResult:
 
     def as_json(self) -> dict[str, Any]:
         """As `--json` writes it."""
-        return {"frames": len(self.true_m), **{name: self.figures(name).as_json() for name in FINDERS}}
+        return {"frames": len(self.true_m), **{name: self.figures(name).as_json() for name in RANGES}}
 
 
 def measure_frames(frames: Sequence[LabelledFrame], detector: HandDetector, step: Step) -> FramesResult:
     """Run both finders over the frames, in order, at 30 a second. `step` is called after each."""
     finders: dict[str, RangeFinder] = {}
-    measured: dict[str, list[Distance | None]] = {name: [] for name in FINDERS}
+    measured: dict[str, list[Distance | None]] = {name: [] for name in RANGES}
     unreadable = []
     made_for: tuple[float, float, tuple[float, float] | None] | None = None
     for number, frame in enumerate(frames, start=1):
@@ -127,7 +126,7 @@ def measure_frames(frames: Sequence[LabelledFrame], detector: HandDetector, step
         if wanted != made_for:
             finders = {
                 name: make(focal_px=wanted[0], reference_m=wanted[1], centre_px=wanted[2])
-                for name, make in FINDERS.items()
+                for name, make in RANGES.items()
             }
             made_for = wanted
         image = decode_image(frame.path, cv2.IMREAD_COLOR)
@@ -149,7 +148,7 @@ def measure_frames(frames: Sequence[LabelledFrame], detector: HandDetector, step
 def frames_table(result: FramesResult) -> Table:
     """Both finders over a labelled sequence, whole and by tilt."""
     made = table("distance.frames", COLUMNS, left=9)
-    for name in FINDERS:
+    for name in RANGES:
         made.add_row(name, *result.figures(name).cells())
         for tilt, one in result.by_tilt(name):
             made.add_row(tr("evaluate.distance.tilt", bin=tilt), *one.cells(), style="dim")

@@ -19,7 +19,7 @@ from rich.table import Table
 
 from app.evaluate.digital import Moment, PoolDetector, held, map_pool, take, tilted, walk
 from app.evaluate.distance.frames import COLUMNS, STYLES, DistanceFigures, figures, values
-from app.evaluate.harness import Step, decorate, figure, table
+from app.evaluate.harness import DISTANCES_CM, MODES, Step, decorate, figure, table
 from app.evaluate.readings import GESTURE_NAMES
 from app.text.catalogue import tr
 from hal.cameras.camera import Intrinsics
@@ -38,8 +38,6 @@ PAPER_TABLE_5: dict[int, tuple[float, float | None]] = {
     40: (-2.25, 0.0), 45: (0.6, 0.0), 50: (3.2, 0.0), 55: (4.5, -0.2), 60: (4.8, -0.3), 65: (5.1, -0.4),
     70: (12.4, -0.6),
 }  # fmt: skip
-MODES = ("published", "robust")
-DISTANCES_CM = tuple(range(10, 75, 5))
 CALIBRATED_AT_M = 0.35
 PROVISIONAL_PALM_M = 0.080
 TILT_RAD = math.radians(40)

@@ -19,14 +19,13 @@ from app.motion.walking import LONGEST_KNEE_RAD, SingleStep, step_movement
 from app.recording import schemas
 from app.recording.schemas import JointState, JointStates, time_of
 from app.recording.writer import RecordingWriter
-from hal.joints.device import Exoskeleton, Joint
+from hal.joints.device import JOINT_NAMES, Exoskeleton
 from hal.joints.protocol import TICK_HZ, JointCommand
 from hal.joints.simulated.wearer import GroundTruth
 from logs.reason import Reason
 
 STAND_TICKS = 750  # before and after; longer than what still counts as walking
 GAIT_TICKS = 25  # a session's recording tells its gait 20 times a second
-_NAMES = tuple(joint.name.lower() for joint in Joint)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -80,7 +79,7 @@ class RecordedWalk(RehearsalRun):
             self._writer.add(schemas.GAIT, self.now_ns, self._gait())
         feedback = self.joints.read(self.now_ns)
         quantities = (feedback.position_rad.tolist(), feedback.velocity_rad_s.tolist(), feedback.torque_nm.tolist())
-        joints = tuple(JointState(*one) for one in zip(_NAMES, *quantities, strict=True))
+        joints = tuple(JointState(*one) for one in zip(JOINT_NAMES, *quantities, strict=True))
         self._writer.add(schemas.JOINT_STATE, self.now_ns, JointStates(time_of(self.now_ns), joints))
         self._writer.settle(self.now_ns)
         super()._write(command)

@@ -13,7 +13,7 @@ from typing import Any
 from app.evaluate.distance.table5 import FIRST_HAND as FIRST_RULER
 from app.evaluate.distance.table5 import PAPER_TABLE_5
 from app.evaluate.gestures.report import PAPER_MACRO_F1, PAPER_MAP, PAPER_TABLE_3
-from app.evaluate.harness import decorate, figure, require_extra, write_whole
+from app.evaluate.harness import MODES, decorate, figure, require_extra, write_whole
 from app.evaluate.loop.speed import BARE, PAPER_PARAMETERS, PAPER_TABLE_4, WHOLE
 from app.evaluate.loop.table7 import PAPER, PAPER_OVERALL
 from app.evaluate.paper.make import Run, figures_file, read_as, run_file
@@ -21,8 +21,7 @@ from app.evaluate.trigger.table6 import CAMERAS, FIRST_HAND, PAPER_FPS, PAPER_TA
 from app.text.catalogue import language, tr
 
 Cell = str | int | float | None
-RULES = ("published", "robust")
-_BY_CAMERA = tuple(f"{camera}_{mode}" for camera in ("monocular", "d435i") for mode in ("paper", *RULES))
+_BY_CAMERA = tuple(f"{camera}_{mode}" for camera in ("monocular", "d435i") for mode in ("paper", *MODES))
 NOT_REPRODUCED = ("training", "detectors", "lite", "link", "people")  # why: in the catalogue
 PAGE = "paper.html"
 
@@ -42,10 +41,10 @@ def _table_3(figures: dict[str, Any]) -> Sheet:
     rules = figures["rules"]
     rows: list[tuple[Cell, ...]] = []
     for gesture, (*_, f1, ap) in PAPER_TABLE_3.items():
-        ours = [100 * rules[name]["per_gesture"][gesture][key] for key in ("f1", "ap") for name in RULES]
+        ours = [100 * rules[name]["per_gesture"][gesture][key] for key in ("f1", "ap") for name in MODES]
         rows.append((gesture, f1, *ours[:2], ap, *ours[2:]))
-    means = [100 * rules[name][key] for key in ("macro_f1", "map") for name in RULES]
-    accepted = [f"{100 * rules[name]['accepted_undefined']:.2f}" for name in RULES]
+    means = [100 * rules[name][key] for key in ("macro_f1", "map") for name in MODES]
+    accepted = [f"{100 * rules[name]['accepted_undefined']:.2f}" for name in MODES]
     series = _series(rows, {"paper": 1, "published": 2, "robust": 3})
     last = (tr("evaluate.paper.mean"), PAPER_MACRO_F1, *means[:2], PAPER_MAP, *means[2:])
     undefined = tr("evaluate.paper.undefined", published=accepted[0], robust=accepted[1], images=figures["images"])
@@ -72,7 +71,7 @@ def _table_5(figures: dict[str, Any]) -> Sheet:
     rows: list[tuple[Cell, ...]] = []
     for row in figures["table_5"]:
         paper, paper_depth = PAPER_TABLE_5[row["distance_cm"]]
-        ours = [row[camera][mode] for camera in ("monocular", "d435i") for mode in RULES]
+        ours = [row[camera][mode] for camera in ("monocular", "d435i") for mode in MODES]
         rows.append((row["distance_cm"], paper, *ours[:2], paper_depth, *ours[2:]))
     shown = {"monocular_paper": 1, "monocular_published": 2, "monocular_robust": 3, "d435i_paper": 4, "d435i_robust": 6}
     note = _seeds(FIRST_RULER, figures["hands"])

@@ -22,7 +22,7 @@ from app.evaluate.loop.response import APPROACH_M, THRESHOLD_M, shared
 from app.evaluate.trigger.push_results import ButtonPhase, Push, PushFault, PushFrame, PushRun
 from app.evaluate.trigger.table6 import chain
 from hal.cameras.digital_hand.driver import DigitalHandCamera
-from hal.cameras.digital_hand.movement import SETTLED, Tremor
+from hal.cameras.digital_hand.movement import SETTLED, TREMOR_HZ, Tremor
 from hal.cameras.digital_hand.render import person_of
 from kgdfa.button import ButtonState
 from kgdfa.gesture import Gesture
@@ -35,7 +35,6 @@ BEGIN_NS = 1_000_000_000
 REST_FRAMES = 12
 RECOGNITION_FRAMES = 180  # six seconds, as `response` waits
 AFTER_FRAMES = 8  # in which a push that has ended may still command
-TREMOR_HZ = (4.0, 8.0)  # of Parkinson's and essential tremor, Deuschl et al. 1998
 REACTION_NS = 60_000_000  # from the frame that is recognised until the hand begins to push
 
 

@@ -25,7 +25,8 @@ from rich.table import Table
 
 from app.evaluate.digital import CHANGES, Moment, PoolDetector, approach_and_change, map_pool, take
 from app.evaluate.distance.frames import STYLES
-from app.evaluate.harness import FRAME_NS, Step, decorate, figure, table
+from app.evaluate.harness import DISTANCES_CM, FRAME_NS, MODES, Step, decorate, figure, table
+from app.perception.pipeline import RANGES, RULES
 from app.text.catalogue import tr
 from hal.cameras.camera import ImageArray, Intrinsics
 from hal.cameras.digital_hand.depth import DepthCamera
@@ -34,19 +35,14 @@ from hal.cameras.realsense import DEPTH_SIZE, RealSenseCamera
 from hal.cameras.software_realsense import SoftwareRealSense
 from kgdfa.button import ButtonMode, ButtonPlace
 from kgdfa.depth import DepthRange
-from kgdfa.distance import DistanceChoice, PublishedRange
+from kgdfa.distance import DistanceChoice
 from kgdfa.hand import Hand
 from kgdfa.pipeline import Detector, Pipeline, PipelineInput
 from kgdfa.preprocess import Image
-from kgdfa.published import PublishedRules
-from kgdfa.robust import RobustRules
-from kgdfa.robust_distance import RobustRange
 
-DISTANCES_CM = tuple(range(10, 75, 5))
 FRAMES = (6, 10, 14)  # showing, approaching, changing
 FIRST_HAND = 301
 THRESHOLD_M = 0.20
-MODES = ("published", "robust")
 CAMERAS = ("monocular", "D435i")
 CHOICES = {
     ("monocular", "published"): DistanceChoice.MONOCULAR,
@@ -238,11 +234,10 @@ def chain(
 ) -> Pipeline:
     """The mode's whole chain for a person whose palm is known by ruler. chosen: as `Pipeline` takes it."""
     reference_m, centre_px = person.shape.reference_m, (lens.cx_px, lens.cy_px)
-    finder = PublishedRange if mode == "published" else RobustRange
     return Pipeline(
         detector=detector,
-        rules=PublishedRules() if mode == "published" else RobustRules(),
-        range_finder=finder(focal_px=lens.fx_px, reference_m=reference_m, centre_px=centre_px),
+        rules=RULES[mode](),
+        range_finder=RANGES[mode](focal_px=lens.fx_px, reference_m=reference_m, centre_px=centre_px),
         place=ButtonPlace.in_the_middle(lens.width_px, lens.height_px, threshold_m),
         mode=ButtonMode(mode),
         depth_finder=DepthRange(mode=mode),

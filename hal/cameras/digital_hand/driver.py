@@ -1,19 +1,16 @@
-"""The digital hand: a camera with a rendered hand and its ground truth."""
+"""The digital hand: a camera with a rendered hand whose exact state is known."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from functools import partial
 
 from hal.cameras.camera import Frame, Intrinsics, LatestFrame
 from hal.cameras.digital_hand import movement as hand_motion
 from hal.cameras.digital_hand.depth import DepthCamera
 from hal.cameras.digital_hand.movement import HandLimit, limited, tremor_deg
-from hal.cameras.digital_hand.raycast import project_px
-from hal.cameras.digital_hand.render import Person, Scene, keypoints_m, lens_for, person_of, render
-from hal.cameras.digital_hand.skeleton import FloatArray
+from hal.cameras.digital_hand.render import Person, Scene, lens_for, person_of, render
 from hal.errors import CameraFault, HardwareError
 
 MAX_RATE_HZ = 240.0
@@ -24,24 +21,8 @@ RENDER_WAIT_S = 0.1  # in which the rendering thread sees that it is to end
 PRESS_M = 0.145  # well under the threshold, and the fingertips still in the image of the default lens
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class HandGroundTruth:
-    """The exact state at one moment.
-
-    gesture: as commanded; "none" without a hand. settled: it has that shape (no morph under way).
-    keypoints_px: (21, 2), may lie outside the image. keypoints_m: (21, 3) in the camera's frame.
-    distance_m: of keypoint 21 from the camera, along its axis. All but the gesture are None without a hand.
-    """
-
-    gesture: str
-    settled: bool
-    keypoints_px: FloatArray | None
-    keypoints_m: FloatArray | None
-    distance_m: float | None
-
-
 class DigitalHandCamera:
-    """A Camera whose hand moves by `command`; `render` and `ground_truth` depend on time and commands only."""
+    """A Camera whose hand moves by `command`; `scene` and `render` depend on time and commands only."""
 
     def __init__(
         self,
@@ -151,7 +132,7 @@ class DigitalHandCamera:
         self._movement = movement
 
     def scene(self, captured_ns: int) -> Scene:
-        """What the camera captures at a moment."""
+        """What the camera captures at a moment of the last minute, exactly."""
         angles_deg = limited(self._limit, self._movement.angles_deg(captured_ns))
         return Scene(
             person=self.person,
@@ -174,16 +155,4 @@ class DigitalHandCamera:
             sequence=sequence,
             intrinsics=self.lens,
             depth_m=depth_m,
-        )
-
-    def ground_truth(self, captured_ns: int) -> HandGroundTruth:
-        """The exact state at a moment of the last minute."""
-        scene = self.scene(captured_ns)
-        joints = keypoints_m(scene)
-        return HandGroundTruth(
-            gesture=self._movement.gesture(captured_ns),
-            settled=self._movement.settled(captured_ns),
-            keypoints_px=None if joints is None else project_px(joints, self.lens),
-            keypoints_m=joints,
-            distance_m=None if scene.place is None else scene.place.position_m[2],
         )

@@ -106,12 +106,7 @@ class Movement:
     aside: Track
     depth: Track
     away: Track
-    named: tuple[tuple[int, str], ...]  # since when which gesture is requested
     tremor: Tremor | None = None
-
-    def gesture(self, now_ns: int) -> str:
-        """The gesture requested at that moment, `none` when the hand is sent away."""
-        return next((name for since_ns, name in reversed(self.named) if since_ns <= now_ns), self.named[0][1])
 
     def settled(self, now_ns: int) -> bool:
         """Whether the hand has taken the requested shape."""
@@ -151,24 +146,20 @@ def begin(
         aside=Track(np.zeros(2)),
         depth=Track(np.array([rest_m])),
         away=Track(np.array([0.0])),
-        named=((0, gesture),),
         tremor=tremor,
     )
 
 
 def sign(movement: Movement, gesture: str, now_ns: int) -> Movement:
     """Take another shape, or leave the image. Raises HardwareError for a gesture that doesn't exist."""
-    named = (*[entry for entry in movement.named if entry[0] >= now_ns - KEEP_NS][-200:], (now_ns, gesture))
-    if named[0][0] > now_ns - KEEP_NS:
-        named = (movement.named[0], *named) if movement.named[0] not in named else named
     if gesture == AWAY:
-        return replace(movement, named=named, away=movement.away.towards(np.array([1.0]), now_ns, LEAVE_S))
+        return replace(movement, away=movement.away.towards(np.array([1.0]), now_ns, LEAVE_S))
     absent = float(movement.away.at(now_ns)[0]) >= 1.0
     shape = movement.shape.towards(_shape(gesture, movement.person), now_ns, 0.0 if absent else MORPH_S)
     away = movement.away
     if float(away.goal()[0]) > 0:
         away = away.towards(np.array([0.0]), now_ns, LEAVE_S)
-    return replace(movement, named=named, shape=shape, away=away)
+    return replace(movement, shape=shape, away=away)
 
 
 def push(movement: Movement, pressed: bool, now_ns: int, duration_s: float = PRESS_S) -> Movement:
@@ -219,7 +210,7 @@ TOGETHER_DEG = (-4.0, 0.0, 4.0, 9.0)  # abduction of fingers that lie beside eac
 OPEN_DEG = 45.0  # a finger whose joints are bent by less, together, is open
 THUMB_MOST_DEG = 20.0  # azimuth of a thumb that can't be spread
 TREMOR_DEG = 8.0  # of every joint
-TREMOR_HZ = (4.0, 8.0)
+TREMOR_HZ = (4.0, 8.0)  # of Parkinson's and essential tremor, Deuschl et al. 1998
 MEAN_HZ = 6.0
 
 

@@ -17,8 +17,8 @@ import msgspec
 from hal.errors import DeviceFault, HardwareError
 from hal.joints.codecs import codec_of, cybergear, damiao
 from hal.joints.codecs.wire import NEUTRAL, Codec, Frame, Order, Reply, SetPoint
-from hal.joints.device import JointDevice
-from hal.joints.emulator.plant import ROOM_C, Motion
+from hal.joints.device import JOINT_NAMES, ROOM_C, JointDevice
+from hal.joints.emulator.plant import Motion
 from hal.joints.motors import MotorModel, OnTimeout, Watchdog, WireProtocol
 from hal.joints.protocol import Joint
 
@@ -74,7 +74,7 @@ def read_schedule(text: str) -> ScheduledFault:
         )
     except (KeyError, ValueError) as error:
         faults = ", ".join(fault.value for fault in Fault)
-        joints = ", ".join(joint.name.lower() for joint in Joint)
+        joints = ", ".join(JOINT_NAMES)
         raise HardwareError(DeviceFault.BAD_FAULT_SCHEDULE, fault=text, joints=joints, known=faults) from error
 
 

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 from hal.joints.codecs.wire import SetPoint
-from hal.joints.device import Exoskeleton, JointDevice
+from hal.joints.device import ROOM_C, Exoskeleton, JointDevice
 from hal.joints.protocol import TICK_HZ, JointCommand
 from hal.joints.scene import Scene
 
@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from hal.joints.body import Body
     from hal.joints.simulated.driver import SimulatedJoints
 
-ROOM_C = 25.0
 _SUBSTEPS = 4
 _THERMAL_TICKS = 50  # windings warm in seconds
 _STEP_S = 1.0 / TICK_HZ / _SUBSTEPS

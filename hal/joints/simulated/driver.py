@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from hal.errors import DrivesFault, HardwareError
 from hal.joints.body import Body
-from hal.joints.device import Exoskeleton, JointDevice
+from hal.joints.device import ROOM_C, Exoskeleton, JointDevice
 from hal.joints.protocol import TICK_S, DriveFault, DriveState, JointArray, JointCommand, JointFeedback
 from hal.joints.scene import Scene
 from hal.joints.simulated.mjcf import TIMESTEP_S
@@ -23,7 +23,6 @@ from hal.joints.simulated.wearer import GroundTruth, ReferencePose, Wearer
 
 SUBSTEPS = round(TICK_S / TIMESTEP_S)
 THERMAL_TICKS = 25  # windings follow within seconds
-ROOM_C = 25.0
 FULL_TORQUE_SPEED = 0.5  # share of the no-load speed up to which a drive gives its full torque
 
 # Quanta of the AK80-64's reply at a direct joint: 16 bit over ±12.5 rad, 12 bit over ±8 rad/s and ±144 Nm.

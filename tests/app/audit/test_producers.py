@@ -58,6 +58,7 @@ from logs.records import Body, Note, ProcessEnd, SessionStart
 from logs.writer import SessionWriter
 from profiles.palm import Calibrated, reference_segment
 from profiles.schema import DEMO_PATIENT, Calibration
+from testing.authors import signed_in
 from testing.fake_host import walk_steps
 from testing.session import RealSession
 from tests.app.console.conftest import Console, Opener
@@ -68,7 +69,6 @@ from tests.app.control.moments import A, K, S, moving, resting, standing
 from tests.app.control.rig import SETTINGS, Rig
 from tests.app.perception.test_reporting import REPORT, SCALE, compared
 from tests.app.system.test_vocabulary_status import ENROLLED
-from tests.support.authors import signed_in
 
 pytestmark = [pytest.mark.serial, pytest.mark.xdist_group("perception")]
 
@@ -405,13 +405,13 @@ async def of_the_console(console: Opener, home: Home, monkeypatch: pytest.Monkey
         for name, pin in (("Ada", "000111"),) * 3 + (("Ben", PIN),):
             await opened.until(lambda: isinstance(opened.app.screen, SignInDialog))
             failures = len(found)
-            await sign_in(opened, name, pin)
+            await opened.sign_in(name, pin)
             await opened.until(lambda: len(found) > failures)  # noqa: B023 - awaited at once
         await opened.until(lambda: isinstance(opened.app.screen, SessionScreen))
         await opened.until(lambda: (state := opened.app.live_state()) and state.snapshot)
         await opened.press("ctrl+l")
         await opened.until(lambda: isinstance(opened.app.screen, SignInDialog))
-        await sign_in(opened, "Ben", PIN)
+        await opened.sign_in("Ben", PIN)
         await opened.until(lambda: isinstance(opened.app.screen, SessionScreen))
         opened.host.guardian_gone = True
         await opened.until(lambda: any(isinstance(body, ProcessEnd) for body in found))
@@ -437,13 +437,6 @@ async def of_a_guided_test(opened: Console) -> None:
     await opened.until(lambda: (run := opened.app.guided.run) and run.duration_s > 0 and run.steps)
     await opened.press("g", "y")
     await opened.until(lambda: opened.app.guided.results)
-
-
-async def sign_in(opened: Console, name: str, pin: str) -> None:
-    opened.type("name", name)
-    opened.type("pin", pin)
-    opened.app.screen.query_one("#pin").focus()
-    await opened.press("enter")
 
 
 def test_a_process_that_was_restarted_has_ended_too() -> None:

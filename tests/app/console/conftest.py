@@ -14,9 +14,11 @@ from textual.widgets import Input
 
 from app.console import live
 from app.console.app import ConsoleApp
+from app.console.operator import ConsoleTrail
 from app.system.config import Config, SessionSetup
 from app.system.paths import Home
 from app.text.catalogue import use_language
+from logs.records import Body
 from profiles.schema import DEMO_PATIENT, Profile
 from testing.fake_host import FakeHost, screen_text
 
@@ -44,6 +46,13 @@ class Console:
     def type(self, field: str, text: str) -> None:
         """Put these words into a field of the open screen."""
         self.app.screen.query_one(f"#{field}", Input).value = text
+
+    async def sign_in(self, name: str, pin: str) -> None:
+        """Into the open dialog; test_takeover types it key by key."""
+        self.type("name", name)
+        self.type("pin", pin)
+        self.app.screen.query_one("#pin").focus()
+        await self.press("enter")
 
     async def until(self, condition: Callable[[], object]) -> None:
         """Wait until the condition holds; fail after a limit."""
@@ -92,6 +101,14 @@ def without_collections(request: pytest.FixtureRequest, monkeypatch: pytest.Monk
 def home(tmp_path: Path) -> Home:
     """An empty home."""
     return Home(tmp_path / "home")
+
+
+@pytest.fixture
+def trail(monkeypatch: pytest.MonkeyPatch) -> list[Body]:
+    """What the console would put in the trail."""
+    found: list[Body] = []
+    monkeypatch.setattr(ConsoleTrail, "emit", lambda _, body: found.append(body))
+    return found
 
 
 @pytest.fixture

@@ -21,8 +21,8 @@ from hal.joints.device import load_exoskeleton
 from kgdfa.press_zone import PressZone
 from profiles.schema import DEMO_PATIENT
 from profiles.store import ChangeCause, ProfileStore
+from testing.authors import signed_in
 from tests.app.console.conftest import Console, Opener, wait_until
-from tests.support.authors import signed_in
 
 PROCESS_LIMIT_S = 120.0  # an interpreter, camera, hand model or physics, on a machine that tests other things too
 

@@ -15,10 +15,10 @@ from app.system.config import Config
 from app.system.paths import Home
 from app.text.catalogue import tr
 from profiles.schema import DEMO_PATIENT
+from testing.authors import Named
 from testing.fake_host import screen_text
 from testing.trails import write_sample
 from tests.app.console.conftest import Opener, wait_until
-from tests.support.authors import Named
 
 
 async def test_the_list_keeps_its_patients_and_cursor(console: Opener) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 from itertools import combinations
 from typing import cast
 
@@ -28,7 +27,7 @@ from app.ipc.messages import Lateness
 from app.ipc.states import Action, Effect, Event
 from app.text.catalogue import tr, use_language
 from testing.fake_host import event
-from tests.app.console.test_sizes import DEVICES, NOW_NS, READY
+from tests.app.console.test_sizes import DEVICES, NOW_NS, text_of, with_report, with_snapshot
 
 Triple = tuple[float, float, float]
 Matrix = tuple[Triple, Triple, Triple]
@@ -124,23 +123,6 @@ def test_stop_is_readable(theme: Theme, vision: str) -> None:
     assert contrast(*stop, vision) >= (READABLE if vision == "normal" else STILL_READABLE)
 
 
-def without_colour(lines: Lines) -> str:
-    """The text alone, as a terminal without colours shows it."""
-    return "\n".join("".join(text for text, _ in line) for line in lines)
-
-
-def with_snapshot(**changes: object) -> SessionState:
-    """The session with these fields of control's snapshot."""
-    assert READY.snapshot is not None
-    return replace(READY, snapshot=msgspec.structs.replace(READY.snapshot, **changes))
-
-
-def with_report(**changes: object) -> SessionState:
-    """The session with these fields of perception's report."""
-    assert READY.report is not None
-    return replace(READY, report=msgspec.structs.replace(READY.report, **changes))
-
-
 def status(state: SessionState) -> Lines:
     """The status line."""
     return status_line(state, 120, "i")
@@ -201,7 +183,7 @@ MARKS_OF: dict[str, list[str]] = {
 @pytest.mark.parametrize("name", SHOWN)
 def test_no_state_is_told_by_colour_alone(name: str, language: str) -> None:
     use_language(language)
-    shown = [without_colour(lines) for lines in SHOWN[name]()]
+    shown = [text_of(lines) for lines in SHOWN[name]()]
     assert len(set(shown)) == len(shown), shown
 
 

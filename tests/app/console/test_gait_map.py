@@ -6,35 +6,19 @@ import msgspec
 import pytest
 
 from app.console.widgets.gait import DARK, LEADS_TO, LIT, RUNNING, gait_map, signpost
-from app.console.widgets.panel import Lines, cells
+from app.console.widgets.panel import cells
 from app.control.gait.table import TABLE
 from app.ipc.messages import ControlSnapshot
-from app.ipc.states import GESTURE_OF, Action, Effect, GaitState
+from app.ipc.states import GESTURE_OF, Action, GaitState
 from app.text.catalogue import tr, use_language
-from testing.fake_host import ALLOWED_STANDING, JOINT
-
-STANDING = ControlSnapshot(
-    incarnation=1,
-    sequence=1,
-    at_ns=0,
-    state=GaitState.STANDING,
-    effect=Effect.NOTE,
-    armed=True,
-    patient_confirmed=True,
-    enabled=True,
-    allowed=ALLOWED_STANDING,
-    joints=(JOINT, JOINT, JOINT, JOINT),
-)
+from testing.fake_host import STANDING
+from tests.app.console.test_sizes import text_of
 
 
 def in_state(state: GaitState) -> ControlSnapshot:
     """Nothing runs; every action that the table has from here is allowed."""
     allowed = tuple(dict.fromkeys(row.action for row in TABLE if row.source is state and not row.chained))
     return msgspec.structs.replace(STANDING, state=state, allowed=allowed)
-
-
-def text_of(lines: Lines) -> str:
-    return "\n".join("".join(text for text, _ in line) for line in lines)
 
 
 @pytest.mark.parametrize("row", [row for row in TABLE if not row.chained], ids=lambda row: f"{row.action}-{row.source}")
@@ -78,8 +62,8 @@ def test_the_running_action_and_where_it_leads_stand_out() -> None:
 
 def test_the_signpost_of_the_small_terminal_says_standing_nowhere_again() -> None:
     lines = signpost(STANDING, 40, 6)
-    assert len(lines) == len(ALLOWED_STANDING)
-    for action, line in zip(ALLOWED_STANDING, lines, strict=True):
+    assert len(lines) == len(STANDING.allowed)
+    for action, line in zip(STANDING.allowed, lines, strict=True):
         assert tr(action) in text_of((line,))
     assert tr(GaitState.STANDING) not in text_of(lines)
 

@@ -15,6 +15,7 @@ from kgdfa.gesture import Gesture
 from kgdfa.pipeline import Pipeline, PipelineInput, Report
 from kgdfa.published import PublishedRules
 from kgdfa.robust_distance import RobustRange
+from testing.fake_host import without_hand
 from tests.app.console.conftest import Opener
 from tests.support.live_session import BLACK, FRAME_NS, Shown, hand_at
 
@@ -36,18 +37,7 @@ def pushed(focal_px: float, reference_m: float, threshold_m: float) -> list[Fram
         shown.hands = (hand_at(Gesture.FIVE, drawn_m),)
         now_ns = count * FRAME_NS
         report = pipeline.process(PipelineInput(image_bgr=BLACK, captured_ns=now_ns))
-        without_hand = TriggerReport(
-            incarnation=1,
-            sequence=count,
-            captured_ns=now_ns,
-            sent_ns=now_ns,
-            hand=False,
-            gesture=None,
-            camera="c",
-            threshold_m=threshold_m,
-            fps=30.0,
-        )
-        found.append((report, with_report(without_hand, report)))
+        found.append((report, with_report(without_hand(now_ns, count, threshold_m), report)))
     return found
 
 

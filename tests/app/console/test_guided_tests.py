@@ -7,7 +7,6 @@ from dataclasses import replace
 import pytest
 from textual.css.query import NoMatches
 
-from app.console.operator import ConsoleTrail
 from app.console.screens.after import AfterScreen
 from app.console.screens.dialogs import GuidedTestChoice
 from app.console.widgets.panel import Panel, cells
@@ -22,14 +21,6 @@ from testing.fake_host import FakeHost, walk_steps
 from tests.app.console.conftest import Console, Opener
 
 MINUTE_NS = 60_000_000_000
-
-
-@pytest.fixture
-def trail(monkeypatch: pytest.MonkeyPatch) -> list[Body]:
-    """What the console would put in the trail."""
-    found: list[Body] = []
-    monkeypatch.setattr(ConsoleTrail, "emit", lambda _, body: found.append(body))
-    return found
 
 
 def results(trail: list[Body]) -> list[GuidedTestResult]:

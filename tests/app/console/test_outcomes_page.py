@@ -20,12 +20,9 @@ from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 from profiles.schema import DEMO_PATIENT, GaitParameters, Profile
 from testing.trails import write_sample
 from tests.app.console.conftest import Opener
+from tests.app.console.test_sizes import text_of
 
 DEVICE = load_exoskeleton(DEFAULT_DEVICE)
-
-
-def text_of(lines: tuple[tuple[tuple[str, str], ...], ...]) -> str:
-    return "\n".join("".join(part for part, _ in line) for line in lines)
 
 
 def recorded(home: Path, length_m: float, seed: int) -> Path:

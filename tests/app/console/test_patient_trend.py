@@ -25,8 +25,8 @@ from app.system.paths import Home
 from app.text.catalogue import use_language
 from profiles.schema import DEMO_PATIENT
 from profiles.store import ProfileStore
+from testing.authors import Named
 from tests.app.console.conftest import Opener
-from tests.support.authors import Named
 
 NOW = datetime(2026, 5, 20, 8, 0, tzinfo=UTC)
 

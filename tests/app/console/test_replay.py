@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 import shutil
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 
@@ -29,6 +28,7 @@ from logs.explain.text import lines
 from logs.read import records
 from logs.records import Record
 from testing.fake_host import screen_text
+from tests.app.console.conftest import wait_until
 from tests.support.recorded_session import lived
 
 SIZES = ((80, 24), (120, 36), (200, 50))
@@ -42,22 +42,16 @@ def home(tmp_path_factory: pytest.TempPathFactory) -> Home:
     return Home(folder)
 
 
-async def until(pilot: Pilot[None], condition: Callable[[], object]) -> None:
-    async with asyncio.timeout(20):
-        while not condition():
-            await pilot.pause(0.01)
-
-
 @asynccontextmanager
 async def review(home: Home, size: tuple[int, int], language: str = "en") -> AsyncIterator[Pilot[None]]:
     """The review of that session, opened."""
     app = ConsoleApp(home, Config(language=language))
     try:
         async with app.run_test(size=size) as pilot:
-            await until(pilot, lambda: isinstance(app.screen, PatientsScreen))
+            await wait_until(pilot, lambda: isinstance(app.screen, PatientsScreen))
             screen = ReviewScreen(home, "last")
             await app.push_screen(screen)
-            await until(pilot, lambda: screen.session is not None)
+            await wait_until(pilot, lambda: screen.session is not None)
             yield pilot
     finally:
         use_language("en")
@@ -91,9 +85,9 @@ async def test_the_record_under_the_cursor_is_replayed_with_its_reasons(
     index, record = command_of(home)
     async with review(home, size, language) as pilot:
         await pilot.press(*["down"] * index, "r")
-        await until(pilot, lambda: isinstance(pilot.app.screen, ReplayScreen))
+        await wait_until(pilot, lambda: isinstance(pilot.app.screen, ReplayScreen))
         screen = shown(pilot)
-        await until(pilot, lambda: screen.moment is not None)
+        await wait_until(pilot, lambda: screen.moment is not None)
         assert screen.at_ns == moment_ns(record)
         assert screen.moment is not None
         assert screen.moment.snapshot is not None
@@ -105,18 +99,18 @@ async def test_the_record_under_the_cursor_is_replayed_with_its_reasons(
         wanted = list(lines(explain(records(home.logs / "s.jsonl"), record.sequence), render_recorded))
         assert screen.query_one(ReplayView).reasons[1:] == tuple(wanted)
         await pilot.press("v")
-        await until(pilot, lambda: wanted[0][:12] in screen_text(pilot.app))
+        await wait_until(pilot, lambda: wanted[0][:12] in screen_text(pilot.app))
         await pilot.press("escape")
-        await until(pilot, lambda: isinstance(pilot.app.screen, ReviewScreen))
+        await wait_until(pilot, lambda: isinstance(pilot.app.screen, ReviewScreen))
 
 
 async def test_keys_step_jump_skip_and_change_the_speed(home: Home) -> None:
     _, record = command_of(home)
     async with review(home, (120, 36)) as pilot:
         await pilot.press("r")
-        await until(pilot, lambda: isinstance(pilot.app.screen, ReplayScreen))
+        await wait_until(pilot, lambda: isinstance(pilot.app.screen, ReplayScreen))
         screen = shown(pilot)
-        await until(pilot, lambda: screen.moment is not None)
+        await wait_until(pilot, lambda: screen.moment is not None)
         begin_ns = screen.at_ns
         await pilot.press("right", "right", "left")
         assert screen.at_ns - begin_ns == 40_000_000
@@ -140,7 +134,7 @@ async def test_keys_step_jump_skip_and_change_the_speed(home: Home) -> None:
         await pilot.press("right", "n")
         assert screen.at_ns == last_ns
         await pilot.press("home", "f1")
-        await until(pilot, lambda: tr("replay.faster") in screen_text(pilot.app))
+        await wait_until(pilot, lambda: tr("replay.faster") in screen_text(pilot.app))
 
 
 async def test_it_plays_by_the_clock_and_stops_at_the_end(home: Home) -> None:
@@ -151,15 +145,15 @@ async def test_it_plays_by_the_clock_and_stops_at_the_end(home: Home) -> None:
         await pilot.app.push_screen(screen)
         await pilot.press("enter")
         now_ns += 2_000_000_000
-        await until(pilot, lambda: screen.at_ns == begin_ns + 2_000_000_000)
+        await wait_until(pilot, lambda: screen.at_ns == begin_ns + 2_000_000_000)
         assert screen.playing
         await pilot.press("enter")
         now_ns += 1_000_000_000
         await pilot.press("minus", "enter")
         now_ns += 1_000_000_000
-        await until(pilot, lambda: screen.at_ns == begin_ns + 2_500_000_000)
+        await wait_until(pilot, lambda: screen.at_ns == begin_ns + 2_500_000_000)
         now_ns += 3600_000_000_000
-        await until(pilot, lambda: not screen.playing)
+        await wait_until(pilot, lambda: not screen.playing)
         assert screen.at_ns == playback.end_ns
         assert screen.query_one("#replay-status", Panel).text.startswith(f" {tr('replay.title')}  ■")
 
@@ -170,7 +164,7 @@ async def test_a_session_without_a_recording_says_how_to_record(home: Home, tmp_
     shutil.copy(home.logs / "s.jsonl", alone.logs)
     async with review(alone, (100, 30)) as pilot:
         await pilot.press("r")
-        await until(pilot, lambda: tr("replay.none") in told(pilot))
+        await wait_until(pilot, lambda: tr("replay.none") in told(pilot))
         assert isinstance(pilot.app.screen, ReviewScreen)
 
 
@@ -181,5 +175,5 @@ async def test_a_file_that_is_no_recording_is_told(home: Home, tmp_path: Path) -
     (foreign.logs / "s.mcap").write_bytes(b"something else")
     async with review(foreign, (100, 30)) as pilot:
         await pilot.press("r")
-        await until(pilot, lambda: any("is no MCAP file" in text for text in told(pilot)))
+        await wait_until(pilot, lambda: any("is no MCAP file" in text for text in told(pilot)))
         assert isinstance(pilot.app.screen, ReviewScreen)

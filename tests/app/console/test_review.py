@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
 import threading
-from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -32,6 +30,7 @@ from logs.records import EventRaised, Note, Record
 from logs.verify import Evidence, exit_status, verify
 from testing.fake_host import screen_text
 from testing.trails import write_sample
+from tests.app.console.conftest import wait_until
 
 
 @pytest.fixture
@@ -49,14 +48,8 @@ def session(home: Home) -> ReviewedSession:
 
 async def opened(app: ConsoleApp, pilot: Pilot[None], screen: ReviewScreen) -> None:
     """The screen on top of the console's first one."""
-    await until(pilot, lambda: isinstance(app.screen, PatientsScreen))
+    await wait_until(pilot, lambda: isinstance(app.screen, PatientsScreen))
     await app.push_screen(screen)
-
-
-async def until(pilot: Pilot[None], condition: Callable[[], object]) -> None:
-    async with asyncio.timeout(20):
-        while not condition():
-            await pilot.pause(0.01)
 
 
 def test_the_bands_agree_with_the_records(session: ReviewedSession) -> None:
@@ -113,7 +106,7 @@ async def test_a_reviewer_finds_the_events_and_comments_on_one(home: Home, size:
     async with app.run_test(size=size) as pilot:
         screen = ReviewScreen(home, "last")
         await opened(app, pilot, screen)
-        await until(pilot, lambda: "SOUND" in screen_text(app))
+        await wait_until(pilot, lambda: "SOUND" in screen_text(app))
         await pilot.press("n")
         first = screen.index
         assert first > 0
@@ -125,8 +118,8 @@ async def test_a_reviewer_finds_the_events_and_comments_on_one(home: Home, size:
         assert isinstance(app.screen, WriteComment)
         await pilot.press(*"seen", "enter")
         path = next(home.logs.glob("2*[0-9a-f].jsonl"))
-        await until(pilot, lambda: comments_path(path).exists() and first in comments_on(path))
-        await until(pilot, lambda: "✎" in screen_text(app))
+        await wait_until(pilot, lambda: comments_path(path).exists() and first in comments_on(path))
+        await wait_until(pilot, lambda: "✎" in screen_text(app))
     (comment,) = comments_on(path)[first]
     assert comment.text == "seen"
     evidence = Evidence(keys=by_fingerprint(known_keys(home.keys)))
@@ -138,11 +131,11 @@ async def test_without_a_name_it_asks_which(home: Home) -> None:
     async with app.run_test(size=(100, 30)) as pilot:
         screen = ReviewScreen(home)
         await opened(app, pilot, screen)
-        await until(pilot, lambda: isinstance(app.screen, ChooseSession))
+        await wait_until(pilot, lambda: isinstance(app.screen, ChooseSession))
         (path,) = session_paths(home.logs)
-        await until(pilot, lambda: f"{path.stem}  {outline(path).patient}" in screen_text(app))
+        await wait_until(pilot, lambda: f"{path.stem}  {outline(path).patient}" in screen_text(app))
         await pilot.press("enter")
-        await until(pilot, lambda: screen.session is not None)
+        await wait_until(pilot, lambda: screen.session is not None)
 
 
 async def test_what_is_found_while_locked_opens_after_the_lock(home: Home, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -158,18 +151,18 @@ async def test_what_is_found_while_locked_opens_after_the_lock(home: Home, monke
     async with app.run_test(size=(100, 30)) as pilot:
         screen = ReviewScreen(home)
         await opened(app, pilot, screen)
-        await until(pilot, begun.is_set)
+        await wait_until(pilot, begun.is_set)
         await pilot.press("ctrl+l")
-        await until(pilot, lambda: isinstance(app.screen, LockScreen))
+        await wait_until(pilot, lambda: isinstance(app.screen, LockScreen))
         may_end.set()
-        await until(pilot, lambda: not screen._resumed.is_set())
+        await wait_until(pilot, lambda: not screen._resumed.is_set())
         await pilot.press("escape")
         assert isinstance(app.screen, LockScreen)
         await pilot.press("enter")
-        await until(pilot, lambda: isinstance(app.screen, ChooseSession))
-        await until(pilot, lambda: "P-017" in screen_text(app))
+        await wait_until(pilot, lambda: isinstance(app.screen, ChooseSession))
+        await wait_until(pilot, lambda: "P-017" in screen_text(app))
         await pilot.press("enter")
-        await until(pilot, lambda: screen.session is not None)
+        await wait_until(pilot, lambda: screen.session is not None)
 
 
 async def test_a_changed_record_is_reported_on_top(home: Home) -> None:
@@ -178,7 +171,7 @@ async def test_a_changed_record_is_reported_on_top(home: Home) -> None:
     app = ConsoleApp(home, Config())
     async with app.run_test(size=(100, 30)) as pilot:
         await opened(app, pilot, ReviewScreen(home, "last"))
-        await until(pilot, lambda: "TAMPERED" in screen_text(app))
+        await wait_until(pilot, lambda: "TAMPERED" in screen_text(app))
 
 
 @pytest.mark.parametrize("slow", ["open_session", "verify"])
@@ -197,18 +190,18 @@ async def test_asking_for_the_recording_stops_neither_opening_nor_verifying(
     app = ConsoleApp(home, Config())
     async with app.run_test(size=(100, 30)) as pilot:
         await opened(app, pilot, ReviewScreen(home, "last"))
-        await until(pilot, begun.is_set)
+        await wait_until(pilot, begun.is_set)
         await pilot.press("r")
-        await until(pilot, lambda: not any(worker.name == "action_replay" for worker in app.workers))
+        await wait_until(pilot, lambda: not any(worker.name == "action_replay" for worker in app.workers))
         may_end.set()
-        await until(pilot, lambda: "SOUND" in screen_text(app))
+        await wait_until(pilot, lambda: "SOUND" in screen_text(app))
 
 
 async def test_no_session_is_reported_and_left(tmp_path: Path) -> None:
     app = ConsoleApp(Home(tmp_path), Config())
     async with app.run_test(size=(100, 30)) as pilot:
         await opened(app, pilot, ReviewScreen(Home(tmp_path)))
-        await until(pilot, lambda: isinstance(app.screen, PatientsScreen))
+        await wait_until(pilot, lambda: isinstance(app.screen, PatientsScreen))
 
 
 def test_a_note_of_the_sample_is_among_the_records(session: ReviewedSession) -> None:
@@ -220,7 +213,7 @@ async def test_recorded_states_are_told_in_the_language_in_use(home: Home, sessi
     app = ConsoleApp(home, Config(language="zh"))
     async with app.run_test(size=(120, 36)) as pilot:
         await opened(app, pilot, ReviewScreen(home, "last"))
-        await until(pilot, lambda: "SOUND" in screen_text(app) or "完好" in screen_text(app))
+        await wait_until(pilot, lambda: "SOUND" in screen_text(app) or "完好" in screen_text(app))
         timeline = app.screen.query_one(Timeline)
         states = timeline.render_line(LANES.index("state")).text
         assert "站立" in states

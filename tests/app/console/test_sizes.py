@@ -139,8 +139,20 @@ def test_no_number_is_broken_and_nothing_is_lost(width: int, words: list[str]) -
     assert len(whole) != len(NUMBER.findall(text)) or set(NUMBER.findall(" ".join(lines))) == set(whole)
 
 
+def with_report(**changes: object) -> SessionState:
+    """The session with these fields of perception's report."""
+    assert READY.report is not None
+    return replace(READY, report=msgspec.structs.replace(READY.report, **changes))
+
+
+def with_snapshot(**changes: object) -> SessionState:
+    """The session with these fields of control's snapshot."""
+    assert READY.snapshot is not None
+    return replace(READY, snapshot=msgspec.structs.replace(READY.snapshot, **changes))
+
+
 def text_of(lines: Lines) -> str:
-    """Without styles."""
+    """Without styles, as a terminal without colours shows it."""
     return "\n".join("".join(text for text, _ in line) for line in lines)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import msgspec
 import pytest
 
 from app.console.app import ConsoleApp
@@ -13,19 +12,7 @@ from app.console.state import SessionState
 from app.ipc.states import Effect
 from app.system.config import Config, SoundsConfig
 from tests.app.console.conftest import Opener
-from tests.app.console.test_sizes import READY
-
-
-def with_report(**changes: object) -> SessionState:
-    """The session with these fields of perception's report."""
-    assert READY.report is not None
-    return replace(READY, report=msgspec.structs.replace(READY.report, **changes))
-
-
-def with_snapshot(**changes: object) -> SessionState:
-    """The session with these fields of control's snapshot."""
-    assert READY.snapshot is not None
-    return replace(READY, snapshot=msgspec.structs.replace(READY.snapshot, **changes))
+from tests.app.console.test_sizes import READY, with_report, with_snapshot
 
 
 @pytest.mark.parametrize(

@@ -31,9 +31,9 @@ from app.system.paths import Home
 from app.text.catalogue import use_language
 from kgdfa.gesture import Gesture
 from profiles.schema import DEMO_PATIENT
+from testing.authors import signed_in
 from testing.fake_host import FakeHost, event
 from tests.app.console.test_sizes import READY
-from tests.support.authors import signed_in
 
 NOW_NS = 1_000_000_000_000
 LATIN = re.compile("[A-Za-z]{3,}")

@@ -20,8 +20,8 @@ from logs.journal import OPERATORS
 from logs.read import records
 from logs.records import SignInFailed
 from profiles.schema import DEMO_PATIENT
+from testing.authors import signed_in
 from tests.app.console.conftest import Opener
-from tests.support.authors import signed_in
 
 pytestmark = pytest.mark.usefixtures("cheap_pins")
 PIN, OTHER = "483920", "592817"

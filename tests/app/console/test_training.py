@@ -8,7 +8,7 @@ from app.console.lessons import LESSONS, Lesson, Score, advance, differences, wr
 from app.console.screens.training import feedback, score_lines
 from app.console.session_index import Records, TrainingRecord
 from app.console.widgets.hand import draw_hand
-from app.console.widgets.panel import cells
+from app.console.widgets.panel import Lines, cells
 from app.ipc.messages import OperatorKind, TriggerReport
 from app.system.paths import Home
 from kgdfa.features import Measure
@@ -16,6 +16,7 @@ from kgdfa.gesture import FINGER_STATES, Decision, Explanation, Finger, FingerSt
 from kgdfa.robust import Limit
 from logs.reason import Reason, reason
 from tests.app.console.conftest import Opener
+from tests.app.console.test_sizes import text_of
 
 
 def report(**values: object) -> TriggerReport:
@@ -111,11 +112,7 @@ def test_a_left_hand_is_drawn_mirrored() -> None:
     assert abs(sum(right) / len(right) + sum(left) / len(left) - 29) < 1.0
 
 
-def text_of(lines: tuple[tuple[tuple[str, str], ...], ...]) -> str:
-    return "\n".join("".join(text for text, _ in line) for line in lines)
-
-
-def columns_of(lines: tuple[tuple[tuple[str, str], ...], ...]) -> list[int]:
+def columns_of(lines: Lines) -> list[int]:
     return [x for row in text_of(lines).splitlines() for x, cell in enumerate(row) if cell.strip()]
 
 

@@ -16,12 +16,12 @@ from app.evaluate.distance.table5 import PAPER_TABLE_5, Table5, Table5Row
 from app.evaluate.gestures.measures import Figures, GestureFigures
 from app.evaluate.gestures.report import PAPER_TABLE_3
 from app.evaluate.gestures.report import as_json as gestures_json
-from app.evaluate.harness import EvaluateFault, write_json
+from app.evaluate.harness import MODES, EvaluateFault, write_json
 from app.evaluate.loop.speed import BARE, WHOLE, DetectorFigures, SpeedFigures
 from app.evaluate.loop.table7 import ResponseResult
 from app.evaluate.paper.make import Job, Run, figures_file, jobs, make, read_as, run_file
 from app.evaluate.paper.page import write_page
-from app.evaluate.trigger.table6 import CAMERAS, MODES, TriggerRow
+from app.evaluate.trigger.table6 import CAMERAS, TriggerRow
 from app.system.errors import AppError
 
 JOB = Job(5, ("distance",))

@@ -15,8 +15,7 @@ from msgspec.structs import replace
 
 from app.ipc import streams
 from app.ipc.links import OrderedReceiver, Publisher, address
-from app.ipc.messages import ControlSnapshot, OperatorCommand, OperatorKind
-from app.ipc.states import Effect, GaitState
+from app.ipc.messages import OperatorCommand, OperatorKind
 from app.link.clock import ClockEstimate
 from app.link.served import ServedSession
 from app.link.wire import StopMark
@@ -24,7 +23,7 @@ from app.session.host import make_setup
 from app.system.config import Config
 from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT
-from testing.fake_host import JOINT
+from testing.fake_host import STANDING
 
 K = OperatorKind
 SAME_CLOCK = ClockEstimate(0, 0, 0)
@@ -55,16 +54,10 @@ class Served:
         """Control's snapshot, until the session has it."""
         deadline = time.monotonic() + PATIENCE_S
         self._count += 1
-        now = ControlSnapshot(
-            incarnation=1,
+        now = replace(
+            STANDING,
             sequence=self._count,
-            at_ns=1,
-            state=GaitState.STANDING,
-            effect=Effect.NOTE,
             armed=False,
-            patient_confirmed=True,
-            enabled=True,
-            joints=(JOINT, JOINT, JOINT, JOINT),
             lease=lease,
             stop_lease=stop_lease,
             stop_sequence=stop_sequence,

@@ -6,10 +6,10 @@ import msgspec
 import pytest
 from msgspec.structs import fields
 
-from app.ipc.messages import ActionReport, ActiveEvent, ControlSnapshot, OperatorCommand, OperatorKind, TriggerReport
+from app.ipc.messages import ActionReport, ActiveEvent, OperatorCommand, OperatorKind, TriggerReport
 from app.ipc.states import Action, Effect, Event, GaitState, Source
 from app.link.clock import MOMENTS, PARTS, ClockEstimate, localized
-from testing.fake_host import JOINT
+from testing.fake_host import STANDING
 
 AHEAD = ClockEstimate(0, 900, 1_100)
 
@@ -45,19 +45,7 @@ def test_parts_are_shifted_with_the_whole() -> None:
     action = ActionReport(
         number=1, action=Action.WALK, source=Source.GESTURE, from_state=GaitState.STANDING, released_ns=8_000
     )
-    snapshot = ControlSnapshot(
-        incarnation=1,
-        sequence=1,
-        at_ns=10_000,
-        state=GaitState.STANDING,
-        effect=Effect.HOLD,
-        armed=True,
-        patient_confirmed=True,
-        enabled=True,
-        joints=(JOINT, JOINT, JOINT, JOINT),
-        events=(event,),
-        reports=(action,),
-    )
+    snapshot = msgspec.structs.replace(STANDING, at_ns=10_000, events=(event,), reports=(action,))
     shifted = localized(snapshot, AHEAD)
     assert shifted.at_ns == 8_900
     assert shifted.events[0].since_ns == 7_900

@@ -29,8 +29,8 @@ from logs.read import records
 from logs.reason import key_of
 from logs.records import EventRaised, Note, Stop
 from logs.verify import Evidence, exit_status, verify
-from testing.network import Relay
 from testing.two_hosts import TwoHosts, two_hosts
+from tests.support.relay import Relay
 
 pytestmark = [pytest.mark.serial, pytest.mark.xdist_group("two-hosts")]  # one session, test after test
 

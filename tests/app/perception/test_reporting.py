@@ -44,7 +44,6 @@ HAND = Hand(image_px=np.zeros((21, 2)), world_m=np.zeros((21, 3)), presence=0.9,
 VERDICT = Verdict(
     gesture=Gesture.ONE,
     confidence=0.9,
-    nearest=Gesture.ONE,
     explanation=Explanation(Decision.OVER, {"gesture": Gesture.ONE, "rival": Gesture.NINE}),
 )
 REPORT = Report(

@@ -65,7 +65,7 @@ def recorded(readings: Sequence[FrameReading], mode: ButtonMode = ButtonMode.ROB
 def report(reading: FrameReading, state: Recognition) -> Report:
     """Shown a centimetre nearer than the safe distance."""
     named, distance_m = reading.gesture, reading.distance_m
-    verdict = Verdict(gesture=named, confidence=0.87654321, nearest=named, explanation=Explanation(Decision.CLOSEST))
+    verdict = Verdict(gesture=named, confidence=0.87654321, explanation=Explanation(Decision.CLOSEST))
     return Report(
         captured_ns=reading.captured_ns,
         hand=None,

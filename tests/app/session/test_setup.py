@@ -16,7 +16,7 @@ from logs.journal import CHANGES
 from logs.read import records
 from logs.records import Change
 from profiles.schema import DEMO_PATIENT
-from tests.support.authors import signed_in
+from testing.authors import signed_in
 
 REAL = Config(joints=JointsConfig(kind="can"))
 EMULATED = Config(joints=JointsConfig(kind="can", interface="local"))

@@ -42,9 +42,8 @@ def classified(label: str, predicted: str | None, confidence: float = 0.9, sourc
             image=LabelledImage(path="", label=label, source=source), detected=False, verdict=None, scores=scores
         )
     gesture = Gesture(predicted) if predicted in GESTURE_NAMES else None
-    nearest = gesture or Gesture.ONE
-    scores[GESTURE_NAMES.index(nearest.value)] = confidence
-    verdict = Verdict(gesture=gesture, confidence=confidence, nearest=nearest, explanation=WHY)
+    scores[GESTURE_NAMES.index((gesture or Gesture.ONE).value)] = confidence
+    verdict = Verdict(gesture=gesture, confidence=confidence, explanation=WHY)
     return Classified(
         image=LabelledImage(path="", label=label, source=source), detected=True, verdict=verdict, scores=scores
     )

@@ -30,7 +30,7 @@ from app.evaluate.trigger.foreign_clips import (
 from hal.cameras.digital_hand.driver import DigitalHandCamera
 from hal.cameras.digital_hand.render import Rendered, Scene, keypoints_m, person_of, posed
 from kgdfa.hand import Hand
-from tests.app.evaluate.known_hands import known_hand
+from tests.support.known_hands import known_hand
 
 IMAGE = np.zeros((720, 1280, 3), np.uint8)
 

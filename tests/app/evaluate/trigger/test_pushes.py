@@ -20,7 +20,6 @@ from app.evaluate.trigger.pushes import (
     AFTER_FRAMES,
     BEGIN_NS,
     LEFT,
-    TREMOR_HZ,
     Bout,
     Click,
     Stage,
@@ -33,12 +32,13 @@ from app.evaluate.trigger.table6 import chain
 from app.system.errors import AppError
 from hal.cameras.camera import Frame
 from hal.cameras.digital_hand.driver import DigitalHandCamera
+from hal.cameras.digital_hand.movement import TREMOR_HZ
 from kgdfa.gesture import Gesture
 from kgdfa.hand import Hand
 from kgdfa.keypoints import HandDetector
 from kgdfa.preprocess import Image
 from logs.reason import reason
-from tests.app.evaluate.known_hands import known_hand
+from tests.support.known_hands import known_hand
 
 Blind = Callable[[float], bool]
 

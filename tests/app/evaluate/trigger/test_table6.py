@@ -11,7 +11,7 @@ from app.evaluate.trigger.table6 import CAMERAS, Change, ChangeOutcome, run_chan
 from kgdfa.hand import Hand
 from kgdfa.keypoints import HandDetector
 from kgdfa.preprocess import Image
-from tests.app.evaluate.known_hands import known_hand
+from tests.support.known_hands import known_hand
 
 
 class Knowing:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from hal.joints.device import load_exoskeleton
+from hal.joints.device import ROOM_C, load_exoskeleton
 from hal.joints.simulated.driver import Temperatures, at_rest, thermal_model, warm
 
-ROOM_C = 25.0
 MODEL = thermal_model(load_exoskeleton())
 
 
