@@ -19,11 +19,11 @@ from app.cli.compare_cameras import compare_cameras, write_csv, write_plot
 from app.cli.permission import sign_in
 from app.perception.look import kind_of
 from app.system.authority import Subject
-from app.system.config import CameraConfig, load_config
+from app.system.config import CameraConfig, load_config, with_camera
 from app.system.operators import Permission
 from app.system.paths import Home, find_home
 from app.text.catalogue import render, tr
-from hal.cameras.camera import Camera, EndOfRecording, Frame, ImageArray
+from hal.cameras.camera import FIRST_FRAME_S, Camera, EndOfRecording, Frame, ImageArray
 from hal.cameras.factory import open_camera
 from hal.cameras.intrinsics import Board, Corners, find_corners, save
 from hal.cameras.intrinsics import calibrate as solve
@@ -37,7 +37,6 @@ if TYPE_CHECKING:
 
 cli = typer.Typer()
 
-FIRST_FRAME_S = 10.0
 KEPT_IMAGES = 20
 BETWEEN_IMAGES_S = 1.0  # time to move the board
 
@@ -208,15 +207,16 @@ def _open(source: str, home: Home) -> Camera:
 
 
 def open_as(settings: CameraConfig, kind: str, device: str, store: Path | None = None) -> Camera:
-    """A camera with these settings, of which focal length and mirroring are those of their own kind."""
+    """A camera with these settings."""
+    settings = with_camera(settings, kind, device)
     return open_camera(
         kind,
         device=device,
         width_px=settings.width_px,
         height_px=settings.height_px,
         rate_hz=settings.rate_hz,
-        focal_px=settings.focal_px if settings.kind == kind else None,
-        mirrored=settings.mirrored and settings.kind == kind,
+        focal_px=settings.focal_px,
+        mirrored=settings.mirrored,
         seed=settings.seed,
         store=store,
     )

@@ -152,7 +152,7 @@ def calibrate(
         made = sampler.solve(camera.name, distance / 100, datetime.now(UTC))
     if made.doubt and not anyway:
         raise AppError(CliFault.NOT_KEPT, doubt=made.doubt)
-    known = with_calibration(profile, made.calibration)
+    known = with_calibration(store.load(patient), made.calibration)  # others may have changed it meanwhile
     store.save(known, by=by, at=datetime.now(UTC), why=ChangeCause.CALIBRATED.key)
     kept = {"camera": camera.name, "palm": reference_segment(known, camera=camera.name).explain()}
     console.print(tr("cli.profile.kept", scatter=made.calibration.residual, **kept), highlight=False)

@@ -127,11 +127,13 @@ def to_texts(profile: Profile) -> dict[str, str]:
 
 
 def parse(typed: dict[str, str], base: Profile) -> Parsed:
-    """Texts by path to a profile; what the form has no field for (calibrations, archived) comes from `base`."""
+    """Texts by path to a profile; what has no text (calibrations, archived, a field that is absent) is `base`'s."""
     built = msgspec.to_builtins(base)
     errors: dict[str, Reason] = {}
     for field in FIELDS:
-        text = typed.get(field.path, "").strip()
+        if field.path not in typed:
+            continue
+        text = typed[field.path].strip()
         value = _codes(field, text) if field.kind is Kind.CODES else _value(field, text)
         if isinstance(value, Reason):
             errors[field.path] = value

@@ -7,7 +7,7 @@ A quantity that the joints do not tell is None, never an estimate of another kin
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from math import radians
@@ -74,12 +74,8 @@ class LegHistory:
 
 def measure(history: LegHistory) -> Measures:
     """All measures of a history; steps that belong to no walking action (stairs, an obstacle, rising) do not count."""
-    steps = [
-        step
-        for step in find_steps(history.body, history.joints_rad)
-        if history.walking[(step.began + step.landed) // 2] and history.powered[step.landed]
-    ]
-    bouts = _bouts(steps)
+    bouts = _bouts(find_steps(history.body, history.joints_rad), lambda step: _counts(history, step))
+    steps = [step for bout in bouts for step in bout]
     still = resting(history.joints_rad)
     time_s = sum(_walking_time_s(bout, still) for bout in bouts)
     distance_m = sum(step.moved_m for step in steps) / 2
@@ -112,14 +108,19 @@ def asymmetry_percent(left: float | None, right: float | None) -> float | None:
     return 100 * abs(left - right) / ((left + right) / 2)
 
 
-def _bouts(steps: Iterable[Step]) -> list[list[Step]]:
-    """Steps without standing between them."""
-    found: list[list[Step]] = []
+def _counts(history: LegHistory, step: Step) -> bool:
+    return bool(history.walking[(step.began + step.landed) // 2] and history.powered[step.landed])
+
+
+def _bouts(steps: Iterable[Step], counts: Callable[[Step], bool]) -> list[list[Step]]:
+    """Steps that count, with neither standing nor another step between them."""
+    found: list[list[Step]] = [[]]
     for step in steps:
-        if step.from_standing or not found:
+        if step.from_standing or not counts(step):
             found.append([])
-        found[-1].append(step)
-    return found
+        if counts(step):
+            found[-1].append(step)
+    return [bout for bout in found if bout]
 
 
 def _walking_time_s(bout: Sequence[Step], still: Mask) -> float:

@@ -21,6 +21,7 @@ COLUMNS = (
 )  # fmt: skip
 
 ABOUT_NS = 500_000_000  # of a press: what the other camera measures so much sooner or later is of the same push
+TOGETHER_NS = 50_000_000  # samples no farther apart in time are of one place of the hand: half a period at 10 Hz
 RECENT = 300  # samples: ABOUT_NS on both sides, at any camera's rate
 SHOWN = ("ruler", "camera", "distance", "error", "other", "fps", "latency", "lost", "true", "false")
 SHORTENED = frozenset({"other", "true", "false"})  # of those, whose headings are sentences where there is room
@@ -40,7 +41,7 @@ class Tally:
     measured: int = 0
     sum_m: float = 0.0
     sum_latency_ms: float = 0.0
-    apart: int = 0  # samples in which both measured
+    apart: int = 0  # pairs of samples of one moment in which both measured
     sum_apart_m: float = 0.0
     presses: dict[bool | None, int] = field(default_factory=lambda: {True: 0, False: 0, None: 0})
     seconds: float = 0.0
@@ -95,9 +96,9 @@ class Tally:
     def row(self) -> dict[str, Any]:
         """As the CSV has it, for COLUMNS."""
         values = (
-            _scaled(self.ruler_m, 100, 1), self.camera, self.frames, round(self.fps, 1), round(self.latency_ms, 1),
-            round(100 * self.lost_share, 1), _scaled(self.distance_m, 100, 1), _scaled(self.error, 100, 1),
-            _scaled(self.from_other_m, 100, 1), self.presses[True], self.presses[False], self.presses[None],
+            _hundredfold(self.ruler_m), self.camera, self.frames, round(self.fps, 1), round(self.latency_ms, 1),
+            round(100 * self.lost_share, 1), _hundredfold(self.distance_m), _hundredfold(self.error),
+            _hundredfold(self.from_other_m), self.presses[True], self.presses[False], self.presses[None],
         )  # fmt: skip
         return dict(zip(COLUMNS, values, strict=True))
 
@@ -136,13 +137,10 @@ class Comparison:
         tally = self._tallies.setdefault((self.ruler_m, which), Tally(self.ruler_m, sample.camera))
         tally.samples += 1
         tally.sum_latency_ms += sample.latency_ms
-        other = self.newest[1 - which]
         if sample.distance_m is not None:
             tally.measured += 1
             tally.sum_m += sample.distance_m
-            if other is not None and other.distance_m is not None:
-                tally.apart += 1
-                tally.sum_apart_m += sample.distance_m - other.distance_m
+            self._compare(which, sample.captured_ns, sample.distance_m)
         if before is None or sample.frames <= before.frames:
             return
         tally.frames += sample.frames - before.frames
@@ -155,6 +153,18 @@ class Comparison:
         if sample.presses > before.presses:
             self._waiting.append(_Press(which, now_ns, now_ns, sample.presses - before.presses, tally))
         self._classify_presses(now_ns - ABOUT_NS)
+
+    def _compare(self, which: int, at_ns: int, distance_m: float) -> None:
+        """With the other camera's sample nearest in time, for both: the one with the longer latency comes second."""
+        others = self._recent[1 - which]
+        other = min(others, key=lambda one: abs(one.captured_ns - at_ns), default=None)
+        if other is None or other.distance_m is None or abs(other.captured_ns - at_ns) > TOGETHER_NS:
+            return
+        apart_m = distance_m - other.distance_m
+        for side, signed_m in ((which, apart_m), (1 - which, -apart_m)):
+            if tally := self._tallies.get((self.ruler_m, side)):
+                tally.apart += 1
+                tally.sum_apart_m += signed_m
 
     def finish(self) -> None:
         """No more samples come: settle every press by what there is."""
@@ -238,5 +248,5 @@ def _cm(metres: float | None, style: str = ".1f") -> str:
     return "–" if metres is None else format(100 * metres, style)
 
 
-def _scaled(value: float | None, factor: float, digits: int) -> float | None:
-    return None if value is None else round(value * factor, digits)
+def _hundredfold(value: float | None) -> float | None:
+    return None if value is None else round(100 * value, 1)

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from app.ipc.messages import HandCommand, Preview
-from app.system.config import CameraConfig, SessionSetup
+from app.system.config import CameraConfig, SessionSetup, with_camera
 from app.system.diagnostics_log import discard_output
 from app.system.errors import AppError
 from app.system.scheduling import pin_to_control_core
@@ -84,8 +84,7 @@ def parse_camera(source: str, base: CameraConfig) -> tuple[CameraConfig, Distanc
     source = rated[1] if rated else source
     digital = _DIGITAL.fullmatch(source)
     kind, device = ("digital-hand", "") if digital else kind_of(source)
-    own = {} if base.kind == kind else {"focal_px": None, "mirrored": False}
-    made = msgspec.structs.replace(base, kind=kind, device=device, rate_hz=rate_hz, **own)
+    made = msgspec.structs.replace(with_camera(base, kind, device), rate_hz=rate_hz)
     depth = kind == "realsense"
     if digital:
         depth = digital[1] == "digital-d435i"

@@ -8,7 +8,7 @@ from datetime import datetime
 from enum import Enum
 
 from app.system.errors import AppError
-from hal.cameras.camera import Camera, Frame, Intrinsics
+from hal.cameras.camera import FIRST_FRAME_S, SILENCE_S, Camera, Frame, Intrinsics
 from kgdfa.distance import HALF_PALM_M
 from kgdfa.pipeline import Detector
 from kgdfa.robust_distance import RobustRange
@@ -17,7 +17,7 @@ from profiles.schema import Profile
 
 WANTED_SAMPLES = 45
 MAX_FRAMES = 300  # ten seconds of a 30 Hz camera
-FRAME_TIMEOUT_S = 0.5
+FRAME_TIMEOUT_S = 0.5  # between two chances to interrupt
 MAX_TILT_RAD = 0.6  # a palm turned further is not facing the camera
 
 
@@ -97,12 +97,18 @@ def sample_palm(
     Raises AppError when no image comes, HardwareError when the camera is lost.
     """
     sampler = PalmSampler(profile, detector, [])
-    for _ in range(MAX_FRAMES):
-        frame = camera.read(FRAME_TIMEOUT_S)
-        if frame is None:
-            raise AppError(PalmHint.NO_FRAME, camera=camera.name)
+    for number in range(MAX_FRAMES):
+        frame = _next_frame(camera, SILENCE_S if number else FIRST_FRAME_S)
         sampler.take(frame)
         watch(sampler, frame)
         if sampler.enough:
             break
     return sampler
+
+
+def _next_frame(camera: Camera, limit_s: float) -> Frame:
+    for _ in range(round(limit_s / FRAME_TIMEOUT_S)):
+        frame = camera.read(FRAME_TIMEOUT_S)
+        if frame is not None:
+            return frame
+    raise AppError(PalmHint.NO_FRAME, camera=camera.name)

@@ -154,7 +154,8 @@ def with_choices(
 ) -> Config:
     """The configuration with what the command line chose instead. Raises AppError where its inputs don't suit."""
     if camera is not None:
-        config = replace(config, camera=replace(config.camera, kind=camera))
+        device = config.camera.device if config.camera.kind == camera else ""
+        config = replace(config, camera=with_camera(config.camera, camera, device))
     if patient is not None:
         config = replace(config, patient=patient)
     if joints is None:
@@ -163,6 +164,12 @@ def with_choices(
         return replace(config, joints=replace(config.joints, kind=joints, host=""))  # this computer's joints
     except ValueError as error:
         raise AppError(ConfigFault.UNSUITABLE, detail=str(error)) from error
+
+
+def with_camera(settings: CameraConfig, kind: str, device: str) -> CameraConfig:
+    """These settings for that camera; focal length and mirroring are those of their own kind."""
+    own = {} if settings.kind == kind else {"focal_px": None, "mirrored": False}
+    return replace(settings, kind=kind, device=device, **own)
 
 
 class SessionSetup(Struct, frozen=True, kw_only=True):
@@ -176,6 +183,7 @@ class SessionSetup(Struct, frozen=True, kw_only=True):
     operator: str
     role: str = "therapist"
     host_pid: int = 0  # the process that runs the session (app/session/supervise.py)
+    host_started: str = ""  # when, as `app.session.shared.start_of` has it
     linked: bool = False  # its console is on another computer (app/link)
 
     @property

@@ -19,7 +19,6 @@ from app.voice.spotter import KeywordSpotter
 from hal.errors import HardwareError, MicrophoneFault
 from hal.microphone import BLOCK_SAMPLES, RATE_HZ, Microphone, VoiceConfig, make_microphone
 
-RETRY_S = 2.0  # a microphone that is missing is looked for again
 NICENESS = 5  # after everything of the session
 _OF_FAULT = {MicrophoneFault.EXTRA_MISSING: Signal.NO_EXTRA, MicrophoneFault.NO_PORTAUDIO: Signal.NO_PORTAUDIO}
 
@@ -52,7 +51,10 @@ def signal_of(error: HardwareError) -> Signal:
 
 
 def main() -> None:
-    """Standard input: the configuration as JSON. Standard output: signals, until nobody reads them."""
+    """Standard input: the configuration as JSON. Standard output: signals, until nobody reads them.
+
+    It ends without a microphone, and is started again: PortAudio lists the devices only once in a process.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # the console has ended
     os.nice(NICENESS)
@@ -63,15 +65,12 @@ def main() -> None:
     def report(what: Signal) -> None:
         os.write(pipe, what.value)
 
+    microphone = make_microphone(voice, lambda: time.sleep(BLOCK_SAMPLES / RATE_HZ))
     try:
-        spotter = KeywordSpotter()
+        ended = listen(microphone, KeywordSpotter(), report)
     except HardwareError as error:
-        report(signal_of(error))
-        return
-    while True:
-        microphone = make_microphone(voice, lambda: time.sleep(BLOCK_SAMPLES / RATE_HZ))
-        report(signal_of(listen(microphone, spotter, report)))
-        time.sleep(RETRY_S)
+        ended = error
+    report(signal_of(ended))
 
 
 if __name__ == "__main__":

@@ -15,7 +15,7 @@ import msgspec
 from app.voice.signals import ALIVE_TIMEOUT_S, STATE_OF, Signal, VoiceState
 from hal.microphone import VoiceConfig
 
-RESTART_S = 5.0
+RESTART_S = 5.0  # how often a microphone that is missing is looked for
 LISTENER: Sequence[str] = (sys.executable, "-m", "app.voice.listener")
 _KNOWN = {one.value: one for one in Signal}
 

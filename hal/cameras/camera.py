@@ -99,6 +99,7 @@ class CommandedHand(Protocol):
 
 T = TypeVar("T")
 
+FIRST_FRAME_S = 10.0  # without one for so long after opening a camera gives none
 SILENCE_S = 2.0  # without a frame for so long a device counts as lost
 JOIN_S = 1.0
 

@@ -80,28 +80,33 @@ class PlaybackCamera:
         self._sequence = 0
 
     def read(self, timeout_s: float) -> Frame | None:
-        """The next image when it is due. Raises EndOfRecording after the last one."""
+        """The next image; paced, when it is due, and the newest that is. Raises EndOfRecording after the last one."""
         if self._pending is None or self._intrinsics is None:
             raise HardwareError(CameraFault.NOT_OPEN, camera=self.name)
         frame = self._next
         if frame is None:
             raise EndOfRecording
-        due_ns = self._started_ns + frame.offset_ns
-        if self._paced and not _wait_until(due_ns, timeout_s):
+        limit_ns = time.monotonic_ns() + round(timeout_s * 1e9)  # for skipping, where decoding is slower than the video
+        if self._paced and not _wait_until(self._due_ns(frame), timeout_s):
             return None
+        self._next = next(self._pending, None)
+        while self._paced and self._next is not None and self._due_ns(self._next) <= time.monotonic_ns() < limit_ns:
+            frame, self._next = self._next, next(self._pending, None)
         height, width = frame.image_bgr.shape[:2]
         check_size(self._intrinsics, width, height, self.name)
-        self._next = next(self._pending, None)
         self._sequence += 1
         return Frame(
             image_bgr=np.asarray(cv2.flip(frame.image_bgr, 1), np.uint8) if self._mirrored else frame.image_bgr,
-            captured_ns=due_ns,
+            captured_ns=self._due_ns(frame),
             sequence=self._sequence,
             intrinsics=self._intrinsics,
         )
 
     def close(self) -> None:
         self._pending = self._next = None
+
+    def _due_ns(self, frame: RecordedFrame) -> int:
+        return self._started_ns + frame.offset_ns
 
 
 def video_source(path: Path) -> FrameSource:

@@ -28,6 +28,7 @@ RECORDINGS = frozenset({".bag", ".db3"})
 GRAB_MS = 200
 DEPTH_SIZE = (848, 480)  # the D435i's best depth mode, Intel's tuning guide
 FARTHEST_M = 20.0  # beyond it a reading is no measurement
+FrameId = tuple[int, float]  # number and time by the camera's clock, ms
 _TO_BGR = {"rgb8": cv2.COLOR_RGB2BGR, "yuyv": cv2.COLOR_YUV2BGR_YUY2, "rgba8": cv2.COLOR_RGBA2BGR}
 
 
@@ -66,6 +67,8 @@ class RealSenseCamera:
         self._intrinsics: Intrinsics | None = None
         self._latest: LatestFrame[_FrameSet] | None = None
         self._sequence = 0
+        self._colour_id: FrameId | None = None
+        self._depth_id: FrameId | None = None
         self._name = device or "RealSense"
 
     @property
@@ -149,6 +152,7 @@ class RealSenseCamera:
 
     def _begin(self, rs: ModuleType, streams: Streams) -> None:
         self._streams, device = streams, streams.device
+        self._colour_id = self._depth_id = None
         self._playback = device.as_playback() if device.is_playback() else None
         running = {profile.stream_type(): profile for profile in streams.profiles}
         if rs.stream.color not in running:
@@ -167,20 +171,24 @@ class RealSenseCamera:
         return lens
 
     def _grab(self, streams: Streams) -> _FrameSet | None:
-        """One frame set; None when none came in time."""
+        """One frame set; None when none with a new colour image came in time. A depth image that is old counts as none.
+
+        Beside a live stream, librealsense gives a stalled one's last frame again and again.
+        """
         try:
             frames = streams.wait(GRAB_MS)
-            if frames is None:
+            if frames is None or (colour_id := _frame_id(frames.get_color_frame())) in {None, self._colour_id}:
                 self._check_end()
                 return None
             captured_ns = time.monotonic_ns()
+            depth_id = _frame_id(frames.get_depth_frame())
             aligned = self._align.process(frames)
             colour, depth = aligned.get_color_frame(), aligned.get_depth_frame()
         except RuntimeError as error:
             raise HardwareError(CameraFault.REALSENSE_LOST, camera=self._name, detail=str(error)) from error
-        if not colour:
-            return None
-        depth_m = clean_depth(np.asanyarray(depth.get_data()), self._depth_unit_m) if depth else None
+        has_depth = depth_id not in {None, self._depth_id}
+        self._colour_id, self._depth_id = colour_id, depth_id
+        depth_m = clean_depth(np.asanyarray(depth.get_data()), self._depth_unit_m) if has_depth else None
         return _FrameSet(_bgr(colour), depth_m, captured_ns)
 
     def _check_end(self) -> None:
@@ -277,6 +285,11 @@ def _intrinsics(lens: Any) -> Intrinsics:
         cy_px=lens.ppy,
         source=IntrinsicsSource.MEASURED,
     )
+
+
+def _frame_id(frame: Any) -> FrameId | None:
+    """Equal for one frame given twice; None without a frame."""
+    return (frame.get_frame_number(), frame.get_timestamp()) if frame else None
 
 
 def _bgr(colour: Any) -> ImageArray:

@@ -91,8 +91,12 @@ class WebcamCamera:
             capture.release()
             raise HardwareError(CameraFault.WEBCAM_BUSY, camera=entry.name, index=entry.index)
         self._capture = capture
-        width, height = self._negotiate(capture)
-        self._intrinsics = choose(width, height, camera=entry.name, focal_px=self._focal_px, store=self._store)
+        try:
+            width, height = self._negotiate(capture)
+            self._intrinsics = choose(width, height, camera=entry.name, focal_px=self._focal_px, store=self._store)
+        except HardwareError:
+            self.close()
+            raise
         self._latest = LatestFrame(self._grab, lost=HardwareError(CameraFault.NO_FRAMES, camera=entry.name))
 
     def read(self, timeout_s: float) -> Frame | None:

@@ -88,14 +88,14 @@ class PatientForm(ConsoleScreen):
 
     def action_save(self) -> None:
         """Save when everything is right; else show what is not."""
-        parsed = parse(self._typed, self._base)
-        if parsed.profile is None:
-            self._show(parsed)
-            first = next(field for field in FIELDS if field.path in parsed.errors)
-            self.query_one(f"#{first.id}").focus()
-            self.notify(tr("form.not_saved"), severity="error")
-            return
         with self.notify_errors():
+            parsed = self._changed()
+            if parsed.profile is None:
+                self._show(parsed)
+                first = next(field for field in FIELDS if field.path in parsed.errors)
+                self.query_one(f"#{first.id}").focus()
+                self.notify(tr("form.not_saved"), severity="error")
+                return
             self._save(parsed.profile)
             self.dismiss()
 
@@ -169,13 +169,20 @@ class PatientForm(ConsoleScreen):
         columns = max(20, min(60, self.query_one("#beside").content_size.width))
         return columns, max(5, columns // 4)
 
+    def _changed(self) -> Parsed:
+        """What was typed, in the profile as it is now: a calibration or another person may have changed the rest."""
+        if self._new:
+            return parse(self._typed, self._base)
+        typed = {path: text for path, text in self._typed.items() if text != self._saved[path]}
+        return parse(typed, self.console_app.store.load(self._base.identifier))
+
     def _save(self, profile: Profile) -> None:
         store, now = self.console_app.store, datetime.now(UTC)
         by = self.console_app.authority
         if self._new:
             store.create(profile, by=by, at=now)
         else:
-            store.save(msgspec.structs.replace(profile, archived=self._base.archived), by=by, at=now)
+            store.save(profile, by=by, at=now)
 
 
 def labelled(error: Reason) -> Reason:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from datetime import UTC, datetime
-from typing import ClassVar, cast
+from typing import ClassVar, cast, get_args
 
 import msgspec
+from textual import on
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
@@ -20,9 +21,6 @@ from app.system.vocabulary import status_now
 from app.text.catalogue import tr
 from profiles.schema import DistanceUsed, Profile
 from profiles.store import ChangeCause
-
-CAMERAS = ("digital-hand", "webcam", "realsense", "recording")
-JOINTS = ("simulated", "can")
 
 
 class StartSession(ConsoleScreen):
@@ -47,7 +45,7 @@ class StartSession(ConsoleScreen):
             if text := vocabulary_text(self._profile, status_now(self._profile, config)):
                 yield Static(text, markup=False, id="vocabulary", classes="dialog-text")
             yield Label(tr("start.camera"), classes="section")
-            cameras = [(tr(f"camera.{kind}"), kind) for kind in CAMERAS]
+            cameras = [(tr(f"camera.{kind}"), kind) for kind in get_args(CameraKind)]
             yield Select(cameras, value=config.camera.kind, allow_blank=False, id="camera", compact=True)
             yield Input(config.camera.device, placeholder=tr("start.device"), id="device", compact=True)
             yield Label(tr("start.distance"), classes="section")
@@ -56,7 +54,7 @@ class StartSession(ConsoleScreen):
                 distances, value=self._profile.distance_source, allow_blank=False, id="distance-source", compact=True
             )
             yield Label(tr("start.joints"), classes="section")
-            joints = [(tr(f"joints.{kind}"), kind) for kind in JOINTS]
+            joints = [(tr(f"joints.{kind}"), kind) for kind in get_args(JointsKind)]
             if config.joints.host:
                 joints = [(f"{tr('joints.host')}: {config.joints.host}", config.joints.kind)]
             yield Select(joints, value=config.joints.kind, allow_blank=False, id="joints-kind", compact=True)
@@ -66,6 +64,12 @@ class StartSession(ConsoleScreen):
 
     def on_mount(self) -> None:
         self.query_one("#begin").focus()
+
+    @on(Select.Changed, "#camera")
+    def show_device(self, event: Select.Changed) -> None:
+        """The configured device belongs to the configured camera."""
+        own = self.console_app.config.camera
+        self.query_one("#device", Input).value = own.device if event.value == own.kind else ""
 
     async def on_button_pressed(self) -> None:
         await self.action_begin()

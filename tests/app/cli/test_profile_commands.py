@@ -2,16 +2,28 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
+from datetime import UTC, datetime
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import cv2
+import msgspec
 import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from app.cli import profile as commands
 from app.cli.tree import tree
+from app.perception import palm_calibration
+from app.perception.palm_calibration import WANTED_SAMPLES, PalmSampler
 from app.system.paths import Home
+from hal.cameras.intrinsics import assumed
 from hal.errors import CameraFault, HardwareError
+from profiles.schema import DEMO_PATIENT, Profile
+from profiles.store import ProfileStore
+from testing.authors import Named
 
 
 def test_a_palm_is_calibrated_with_the_cameras_measured_intrinsics(
@@ -27,3 +39,25 @@ def test_a_palm_is_calibrated_with_the_cameras_measured_intrinsics(
     done = CliRunner().invoke(tree(), ["profile", "calibrate", "demo", "--distance", "30"])
     assert isinstance(done.exception, HardwareError), done.output
     assert done.exception.code is CameraFault.INTRINSICS_UNREADABLE
+
+
+def test_what_others_change_while_a_palm_is_held_before_the_camera_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    place = Home(tmp_path / "home")
+    place.root.mkdir()
+    monkeypatch.setenv("RLEEX_HOME", str(place.root))
+    store = ProfileStore(place.profiles)
+
+    def sample(profile: Profile, *_: Any) -> PalmSampler:
+        noted = msgspec.structs.replace(DEMO_PATIENT, note="left side weak")
+        store.save(noted, by=Named("Bea"), at=datetime.now(UTC))
+        detector = SimpleNamespace(detect=lambda *_: ())
+        return PalmSampler(profile, detector, [0.3] * WANTED_SAMPLES, _lens=assumed(1280, 720))
+
+    monkeypatch.setattr(palm_calibration, "sample_palm", sample)
+    monkeypatch.setattr(commands, "_watching", lambda _: nullcontext((SimpleNamespace(name="grey"), None)))
+    done = CliRunner().invoke(tree(), ["profile", "calibrate", "demo", "--distance", "30"])
+    assert done.exit_code == 0, done.output
+    kept = store.load("demo")
+    assert ([one.camera for one in kept.calibrations], kept.note) == (["grey"], "left side weak")

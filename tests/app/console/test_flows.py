@@ -20,6 +20,7 @@ from app.console.session_index import Records, SessionRecord
 from app.console.widgets.status import EFFECT_MARKS
 from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, Effect, Event, GaitState
+from app.system.config import CameraConfig, Config
 from app.system.paths import Home
 from app.text.catalogue import tr
 from hal.errors import CameraFault
@@ -34,9 +35,9 @@ from profiles.schema import (
     VocabularyEvidence,
 )
 from profiles.store import ChangeCause, ProfileStore
+from testing.authors import Named
 from testing.fake_host import FakeHost, event
 from tests.app.console.conftest import Console, Opener
-from tests.support.authors import Named
 
 
 async def test_a_first_patient_is_made_and_walks(console: Opener, home: Home) -> None:
@@ -59,6 +60,28 @@ async def test_a_first_patient_is_made_and_walks(console: Opener, home: Home) ->
         assert (OperatorKind.ACT, Action.INITIALISE) in open_console.host.sent
 
 
+async def test_what_others_change_while_the_form_is_open_is_kept(console: Opener, home: Home) -> None:
+    store = ProfileStore(home.profiles)
+    palm = Calibration(
+        camera="webcam",
+        focal_anchor_px_m=50.0,
+        focal_px=600.0,
+        distance_m=0.36,
+        residual=0.01,
+        calibrated_at="2026-05-20T08:00:00+00:00",
+    )
+    changed = msgspec.structs.replace(DEMO_PATIENT, calibrations=(palm,), note="left side weak")
+    async with console(profile=None) as open_console:
+        await open_console.shows("demo")
+        await open_console.press("e")
+        await open_console.shows("values are in range")
+        store.save(changed, by=Named("Bea"), at=datetime.now(UTC))
+        open_console.type("mass_kg", "71.5")
+        await open_console.press("ctrl+s")
+        await open_console.until(lambda: isinstance(open_console.app.screen, PatientsScreen))
+    assert store.load("demo") == msgspec.structs.replace(changed, mass_kg=71.5)
+
+
 async def test_the_distance_chosen_at_the_start_is_used_and_kept(console: Opener, home: Home) -> None:
     async with console(profile=None) as open_console:
         await open_console.press("enter")
@@ -69,6 +92,19 @@ async def test_the_distance_chosen_at_the_start_is_used_and_kept(console: Opener
         assert open_console.host.setup.profile.distance_source is DistanceUsed.BOTH
     assert ProfileStore(home.profiles).load("demo").distance_source is DistanceUsed.BOTH
     assert ProfileStore(home.profiles).history("demo")[-1].why == ChangeCause.DISTANCE.key
+
+
+async def test_another_camera_chosen_at_the_start_has_no_device_of_the_configured_one(console: Opener) -> None:
+    film = CameraConfig(kind="recording", device="f.mp4", focal_px=600.0, mirrored=True)
+    async with console(profile=None, config=Config(camera=film)) as open_console:
+        await open_console.press("enter")
+        await open_console.shows("f.mp4")
+        start = open_console.app.screen
+        start.query_one("#camera", Select).value = "webcam"
+        await open_console.until(lambda: not start.query_one("#device", Input).value)
+        await open_console.press("enter")
+        await open_console.shows("NOT ARMED")
+        assert open_console.host.setup.config.camera == CameraConfig(kind="webcam")
 
 
 async def test_a_session_ends_with_a_note_that_the_list_then_shows(console: Opener, home: Home) -> None:

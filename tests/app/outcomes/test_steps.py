@@ -44,6 +44,24 @@ def planned(who: Patient) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
     return np.concatenate([still[0], *parts, still[1]])
 
 
+def test_stairs_between_two_walks_are_no_walking() -> None:
+    who = patient(1.70, 0.30)
+    walk, stair = planned(who), path_of(Action.STAIR_UP, Phase.WHOLE, who).joints_rad
+    rest = np.repeat(walk[:1], 300, axis=0)  # shorter than what counts as standing
+    walk = walk[STANDING:-STANDING]
+    parts = [(rest, True), (walk, True), (rest, True), (stair, False), (rest, True), (walk, True), (rest, True)]
+    joints_rad = np.concatenate([part for part, _ in parts])
+    walking = np.concatenate([np.full(len(part), walks) for part, walks in parts])
+    always = np.ones(len(joints_rad), dtype=bool)
+    found = measure(LegHistory(body=who.body, joints_rad=joints_rad, powered=always, walking=walking))
+    alone = measured(who, np.concatenate([rest, walk, rest]))
+    assert found.steps == 2 * alone.steps
+    assert found.walking_time_s == pytest.approx(2 * alone.walking_time_s, abs=0.1)
+    assert found.range_of_motion["left_knee"].high_deg == pytest.approx(
+        alone.range_of_motion["left_knee"].high_deg, abs=0.5
+    )
+
+
 def measured(who: Patient, joints_rad: np.ndarray[tuple[int, int], np.dtype[np.float64]]) -> Measures:
     always = np.ones(len(joints_rad), dtype=bool)
     return measure(LegHistory(body=who.body, joints_rad=joints_rad, powered=always, walking=always))

@@ -109,6 +109,26 @@ def test_two_cameras_of_one_name_are_told_apart() -> None:
     assert comparison_record(comparison, "x.csv").cameras == ("same", "same (2)")
 
 
+def test_only_measurements_of_one_moment_are_compared() -> None:
+    comparison = Comparison(threshold_m=0.2)
+    for frame in range(1, 31):
+        for which in (0, 1):
+            comparison.take(which, sample(frame, 0.30))
+    for frame in range(32, 332):  # the other camera has gone
+        comparison.take(0, sample(frame, 0.60))
+    assert [comparison.total(which).from_other_m for which in (0, 1)] == [0.0, 0.0]
+
+
+def test_a_camera_of_long_latency_is_compared_with_what_the_other_measured_then() -> None:
+    comparison = Comparison(threshold_m=0.2)
+    for frame in range(1, 60):
+        comparison.take(0, sample(frame, 0.30 + 0.01 * frame))
+        if frame % 6 == 0:
+            comparison.take(1, sample(frame // 6, 0.35 + 0.01 * (frame - 5), at=frame - 5))
+    assert comparison.total(0).from_other_m == pytest.approx(-0.05)
+    assert comparison.total(1).from_other_m == pytest.approx(0.05)
+
+
 def test_the_table_is_written_as_csv() -> None:
     comparison = Comparison(threshold_m=0.2)
     for frame in (1, 2, 3):

@@ -52,14 +52,19 @@ class Frames:
 
     name = "grey"
 
-    def __init__(self, count: int) -> None:
+    def __init__(self, count: int, silent: dict[int, int] | None = None) -> None:
+        """silent: reads without an image, by how many images are left then."""
         self.left = count
+        self.silent = silent or {}
 
     def open(self) -> None: ...
     def close(self) -> None: ...
 
     def read(self, timeout_s: float) -> Frame | None:
         if not self.left:
+            return None
+        if self.silent.get(self.left):
+            self.silent[self.left] -= 1
             return None
         self.left -= 1
         grey = np.full((720, 1280, 3), 128, np.uint8)
@@ -123,3 +128,12 @@ def test_another_resolution_starts_anew(patient: Profile) -> None:
 def test_a_camera_without_images_is_reported(patient: Profile) -> None:
     with pytest.raises(AppError, match="NO_FRAME camera=grey"):
         sample_palm(patient, Frames(3), Shown(palm()), lambda *_: None)
+
+
+def test_a_camera_that_is_slow_to_start_is_waited_for(patient: Profile) -> None:
+    """Reads of half a second: ten seconds for the first image, two for each later one."""
+    slow = Frames(500, {500: 19, 490: 3})
+    assert len(sample_palm(patient, slow, Shown(palm()), lambda *_: None).samples_m) == WANTED_SAMPLES
+    for silent in ({500: 20}, {490: 4}):
+        with pytest.raises(AppError, match="NO_FRAME camera=grey"):
+            sample_palm(patient, Frames(500, silent), Shown(palm()), lambda *_: None)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from app.system.config import Config, load_config, with_choices
+from app.system.config import CameraConfig, Config, load_config, with_choices
 from app.system.errors import AppError
 from hal.inputs.device import InputDevice, InputRole
 
@@ -74,6 +74,13 @@ def test_a_stop_button_shares_no_bus_with_the_drives(tmp_path: Path, joints: str
 def test_command_line_choices_replace_only_what_they_name() -> None:
     chosen = with_choices(Config(), camera="webcam", joints=None, patient="p-1")
     assert (chosen.camera.kind, chosen.joints.kind, chosen.patient) == ("webcam", "simulated", "p-1")
+
+
+def test_another_camera_has_not_the_lens_of_the_configured_one() -> None:
+    film = CameraConfig(kind="recording", device="f.mp4", focal_px=600.0, mirrored=True, rate_hz=15.0)
+    other = with_choices(Config(camera=film), camera="webcam", joints=None, patient=None).camera
+    assert other == CameraConfig(kind="webcam", rate_hz=15.0)
+    assert with_choices(Config(camera=film), camera="recording", joints=None, patient=None).camera == film
 
 
 def test_joints_that_the_inputs_do_not_suit_are_refused() -> None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -141,4 +142,35 @@ def test_the_real_process_without_the_extra_says_so_and_ends() -> None:
     voice = VoiceStop(ON, lambda: pytest.fail("nobody spoke"), (sys.executable, "-c", hidden))
     voice.start()
     until(lambda: voice.state is VoiceState.NO_EXTRA)
+    voice.close()
+
+
+def test_a_microphone_that_is_plugged_in_later_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """PortAudio lists the devices once in a process."""
+    plug = tmp_path / "plugged in"
+    library = f"""
+import os
+listed = os.path.exists({str(plug)!r})
+class PortAudioError(Exception): pass
+class RawInputStream:
+    def __init__(self, **form):
+        if not listed: raise PortAudioError
+    def start(self): pass
+    def read(self, count): return bytes([1]) * 2 * count, False
+    def close(self, ignore_errors): pass
+"""
+    (tmp_path / "sounddevice.py").write_text(library)
+    script = f"""
+import sys
+sys.path.insert(0, {str(tmp_path)!r})
+from app.voice import listener
+listener.KeywordSpotter = lambda: type("", (), {{"detect": lambda *_: False}})()
+listener.main()
+"""
+    monkeypatch.setattr("app.voice.watch.RESTART_S", 0.05)
+    voice = VoiceStop(ON, lambda: pytest.fail("nobody spoke"), (sys.executable, "-c", script))
+    voice.start()
+    until(lambda: voice.state is VoiceState.NO_MICROPHONE)
+    plug.touch()
+    until(lambda: voice.state is VoiceState.LISTENING)
     voice.close()

@@ -7,22 +7,24 @@ import time
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
-from hal.cameras.camera import Frame, Intrinsics, IntrinsicsSource
+from hal.cameras.camera import Frame, Intrinsics, IntrinsicsSource, LatestFrame
 from hal.cameras.digital_hand.depth import LEAST_M
 from hal.cameras.digital_hand.render import lens_for
 from hal.cameras.factory import open_camera
 from hal.cameras.realsense import RealSenseCamera, _find, clean_depth, library
 from hal.cameras.software_realsense import SERIAL, SoftwareRealSense
-from hal.errors import CameraFault
+from hal.errors import CameraFault, HardwareError
 from kgdfa.depth import DepthFault, DepthRange, read_published, sample_palm
 from kgdfa.distance import HALF_PALM_M
 from kgdfa.hand import Hand, Keypoint, Side
 from tests.support.errors import refused
+from tests.support.known_hands import known_hand
 from tests.support.software_realsense import HEIGHT, PERIOD_NS, WIDTH, a_hand, feed
 
 LIMIT_S = 20.0
@@ -66,9 +68,9 @@ def read_for(camera: RealSenseCamera, seconds: float) -> None:
 
 
 def seen_hand(rest_m: float) -> Hand:
-    pixels = a_hand(rest_m).ground_truth(PERIOD_NS).keypoints_px
-    assert pixels is not None
-    return Hand(image_px=pixels, world_m=np.zeros((21, 3)), presence=1.0, side=Side.RIGHT)
+    hand = known_hand(a_hand(rest_m).scene(PERIOD_NS))
+    assert hand is not None
+    return hand
 
 
 class Connected:
@@ -141,6 +143,47 @@ def test_a_stream_that_stops_is_reported_and_comes_back(camera: RealSenseCamera,
     camera.close()
     camera.open()
     assert next_frame(camera, software, 0.40, first=1000).depth_m is not None
+
+
+def frame_set(colour: int, depth: int) -> Any:
+    """As librealsense gives it, of small images with these frame numbers."""
+
+    def frame(number: int, pixels: Any) -> Any:
+        layout = SimpleNamespace(format=lambda: SimpleNamespace(name="bgr8"))
+        calls = {"get_frame_number": number, "get_timestamp": number * PERIOD_NS / 1e6, "get_data": pixels}
+        return SimpleNamespace(profile=layout, **{name: lambda value=value: value for name, value in calls.items()})
+
+    images = frame(colour, np.zeros((2, 2, 3), np.uint8)), frame(depth, np.full((2, 2), 400, np.uint16))
+    return SimpleNamespace(get_color_frame=lambda: images[0], get_depth_frame=lambda: images[1])
+
+
+@pytest.fixture
+def unaligned() -> RealSenseCamera:
+    """Not open, for frame sets of ours."""
+    camera = RealSenseCamera()
+    camera._align = SimpleNamespace(process=lambda frames: frames)
+    return camera
+
+
+def test_a_stalled_streams_last_frame_beside_a_live_one_is_no_new_one(unaligned: RealSenseCamera) -> None:
+    numbers = iter([(1, 1), (1, 2), (2, 3), (3, 3), (4, 4)])
+    streams: Any = SimpleNamespace(wait=lambda _: frame_set(*next(numbers)))
+    first, old_colour, live, old_depth, again = (unaligned._grab(streams) for _ in range(5))
+    assert old_colour is None
+    depths = [one.depth_m is not None for one in (first, live, old_depth, again) if one is not None]
+    assert depths == [True, True, False, True]
+
+
+def test_a_colour_stream_that_stalls_beside_a_live_depth_stream_is_lost(unaligned: RealSenseCamera) -> None:
+    streams: Any = SimpleNamespace(wait=lambda _: frame_set(1, time.monotonic_ns()))
+    lost = HardwareError(CameraFault.NO_FRAMES, camera=unaligned.name)
+    unaligned._latest = LatestFrame(lambda: unaligned._grab(streams), lost=lost, silence_s=0.05)
+    unaligned._intrinsics = LENS
+    try:
+        with refused(CameraFault.NO_FRAMES):
+            read_for(unaligned, LIMIT_S)
+    finally:
+        unaligned.close()
 
 
 # Of images of 320×180 through a lens of 162.5 px: what a damaged calibration may state instead.

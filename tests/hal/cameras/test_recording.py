@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import shutil
+from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from hal.cameras import playback
 from hal.cameras.camera import Camera, EndOfRecording, Frame
 from hal.cameras.factory import open_camera
-from hal.cameras.playback import PlaybackCamera, folder_source
+from hal.cameras.playback import PlaybackCamera, RecordedFrame, folder_source
 from hal.errors import CameraFault, RecordingFault
 from tests.hal.cameras.conftest import FRAMES, HEIGHT, PERIOD_NS, WIDTH, Kept, small_hand
 from tests.support.errors import refused
@@ -87,9 +90,45 @@ def test_images_of_another_size_than_the_first_are_refused(kept: Kept, tmp_path:
     folder = Path(shutil.copytree(kept.folder, tmp_path / "mixed"))
     import cv2
 
-    cv2.imwrite(str(folder / "002.png"), np.zeros((HEIGHT // 2, WIDTH // 2, 3), np.uint8))
+    for path in sorted(folder.iterdir())[1:]:
+        cv2.imwrite(str(path), np.zeros((HEIGHT // 2, WIDTH // 2, 3), np.uint8))
     camera = open_camera("recording", device=str(folder))
     camera.open()
     assert camera.read(1.0) is not None
     with refused(CameraFault.OTHER_RESOLUTION, width_px=WIDTH, image_width_px=WIDTH // 2):
         camera.read(1.0)
+
+
+class Clock:
+    """In place of `time`."""
+
+    def __init__(self) -> None:
+        self.now_ns = 0
+
+    def monotonic_ns(self) -> int:
+        return self.now_ns
+
+    def sleep(self, seconds: float) -> None:
+        self.now_ns += round(seconds * 1e9)
+
+
+@pytest.mark.parametrize(("paced", "given"), [(True, 8), (False, 29)])
+def test_a_reader_slower_than_the_recording_gets_the_newest_image_if_paced(
+    monkeypatch: pytest.MonkeyPatch, paced: bool, given: int
+) -> None:
+    clock = Clock()
+    monkeypatch.setattr(playback, "time", clock)
+
+    def source() -> Iterator[RecordedFrame]:
+        grey = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+        return (RecordedFrame(offset_ns=number * PERIOD_NS, image_bgr=grey) for number in range(29))
+
+    camera = PlaybackCamera(Path("one.avi"), source, paced=paced)
+    camera.open()
+    ages_ns = list[int]()
+    with suppress(EndOfRecording):
+        while frame := camera.read(1.0):
+            ages_ns.append(clock.now_ns - frame.captured_ns)
+            clock.sleep(4 * PERIOD_NS / 1e9)
+    assert len(ages_ns) == given
+    assert not paced or max(ages_ns) < 2 * PERIOD_NS

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
 import pytest
 
+from hal.cameras.intrinsics import assumed, save
 from hal.cameras.webcam import WebcamCamera, find_webcam, list_webcams
 from hal.errors import CameraFault
 from tests.support.errors import refused
@@ -60,3 +62,37 @@ def test_a_listed_camera_that_cannot_be_opened_reports_what_to_check(tmp_path: P
 def test_no_camera_at_all_is_a_sentence(tmp_path: Path) -> None:
     with refused(CameraFault.NO_WEBCAM):
         WebcamCamera(sysfs=tmp_path).open()
+
+
+class Capture:
+    """A camera that gives other sizes than asked for, and that can be opened once at a time."""
+
+    in_use = 0
+
+    def __init__(self, *_: int) -> None:
+        self._mine = Capture.in_use == 0
+        Capture.in_use += 1
+
+    def isOpened(self) -> bool:  # noqa: N802 - OpenCV's name
+        return self._mine
+
+    def set(self, *_: float) -> None: ...
+
+    def get(self, what: int) -> float:
+        return 640.0 if what == cv2.CAP_PROP_FRAME_WIDTH else 480.0
+
+    def release(self) -> None:
+        Capture.in_use -= 1
+
+
+def test_a_camera_whose_lens_is_refused_is_released(
+    sysfs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    store = tmp_path / "cameras.toml"
+    save(store, "USB Cam C920", assumed(1280, 720), 0.2, print)
+    monkeypatch.setattr(cv2, "VideoCapture", Capture)
+    camera = WebcamCamera("c920", store=store, sysfs=sysfs)
+    for _ in range(2):
+        with refused(CameraFault.OTHER_RESOLUTION):
+            camera.open()
+    assert Capture.in_use == 0
