@@ -316,6 +316,26 @@ def test_the_list_of_patients_prints_no_markup_and_no_escapes(
 
 
 @pytest.mark.parametrize(
+    ("arguments", "option"),
+    [
+        (("run", "--serve", "--plain"), "--plain"),
+        (("run", "--serve", "--patient", "p"), "--patient"),
+        (("run", "--plain", "--camera", "webcam"), "--camera"),
+        (("run", "--read-only", "--joints", "can"), "--joints"),
+        (("audit", "show", "--all", "--follow"), "--follow"),
+        (("audit", "show", "--all", "20261121"), "SESSION"),
+    ],
+)
+def test_an_option_without_use_is_refused(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], option: str
+) -> None:
+    status, err = command_line(list(arguments), monkeypatch, capsys)
+    assert status == 2
+    assert f"no use for {option}" in err
+    assert len(err.splitlines()) == 1
+
+
+@pytest.mark.parametrize(
     "arguments",
     [
         ("profile", "import", "/dev/zero"),

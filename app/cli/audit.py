@@ -16,7 +16,7 @@ from rich.table import Table
 from rich.text import Text
 from typer import CallbackParam
 
-from app.cli.common import CliFault, HomeOption, check_output, print_answer, print_text, sql_of
+from app.cli.common import CliFault, HomeOption, check_output, print_answer, print_text, refuse_options, sql_of
 from app.system.errors import AppError
 from app.system.paths import find_home
 from app.text.catalogue import language, render, tr
@@ -150,6 +150,8 @@ def show(
     home: HomeOption = None,
 ) -> None:
     """Print a session's records, one a line."""
+    if everything:
+        refuse_options("audit show --all", {"--follow": follow, "SESSION": session != "last"})
     wanted = Filter(
         since=since,
         until=until,
@@ -162,7 +164,6 @@ def show(
     )
     folder = find_home(home).logs
     paths = session_paths(folder) if everything else [find_session(folder, session)]
-    follow = follow and not everything
     if not sum(_print_records(path, RecordSelector(wanted), follow=follow, as_json=json) for path in paths):
         typer.echo(tr("cli.audit.no_records"), err=True)
 

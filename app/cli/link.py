@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from app.cli.common import PORT, HomeOption, print_text
+from app.cli.common import PORT, HomeOption, print_text, refuse_options
 from app.cli.permission import sign_in
 from app.system.errors import AppError
 from app.system.operators import Permission
@@ -25,14 +25,18 @@ def pair(
         str, typer.Argument(help="On the laptop: the exoskeleton's computer, e.g. exo.local:7447. There: leave it out.")
     ] = "",
     code: Annotated[str, typer.Option(help="The code that the exoskeleton's computer shows; else it is asked.")] = "",
-    port: Annotated[int, typer.Option(min=1, max=65535, help="On the exoskeleton's computer: of rleex joints.")] = PORT,
+    port: Annotated[int, typer.Option(min=1, max=65535, help="Of rleex joints, where HOST names none.")] = PORT,
     home: HomeOption = None,
 ) -> None:
     """Pair laptop and exoskeleton's computer: the latter shows a code, which is typed at the laptop."""
+    if ":" in host:
+        refuse_options(f"link pair {host}", {"--port": port != PORT})
+    if not host:
+        refuse_options("link pair", {"--code": code})
     place = find_home(home)
     sign_in(home, Permission.CONFIGURE)
     if host:
-        _pair_laptop(place, host, code)
+        _pair_laptop(place, host if ":" in host or port == PORT else f"{host}:{port}", code)
     else:
         _show_code(place, port)
 

@@ -20,6 +20,7 @@ from app.cli.common import (
     check_output,
     check_terminal,
     print_text,
+    refuse_options,
     spinner,
     wide_console,
 )
@@ -56,6 +57,9 @@ def run(
     ] = False,
 ) -> None:
     """Open the therapist's console."""
+    if watches := "--serve" if serve else "--plain" if plain else "--read-only" if read_only else "":
+        others = {"--plain": serve and plain, "--patient": patient, "--camera": camera, "--joints": joints}
+        refuse_options(f"run {watches}", others)
     from app.system.diagnostics_log import set_verbose, start_log
 
     place = find_home(home)

@@ -58,7 +58,7 @@ class ObserverHost:
             ProcessStatus(name=name, pid=0, alive=True, restarts=0, exit_code=None)
             for name in ("audit", "guardian", "planner", "control", "perception")
         )
-        self._session = Peer(setup.host_pid)
+        self._session = Peer(setup.host_pid, setup.host_started)
 
     @property
     def commands(self) -> bool:

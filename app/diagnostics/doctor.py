@@ -17,7 +17,7 @@ from app.system.config import Config, load_config
 from app.system.errors import AppError
 from app.system.hand_model import find_model
 from app.system.paths import Home
-from app.system.scheduling import WAKE_LATENCY
+from app.system.scheduling import SCHEDULING, WAKE_LATENCY
 from app.voice.spotter import require_spotter
 from hal.errors import HardwareError
 from hal.inputs.device import Contact, InputDevice, StopInput
@@ -232,7 +232,7 @@ def check_real_time() -> Iterator[Finding]:
 def _may_be_fifo() -> bool:
     policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
     try:
-        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(max(one.fifo or 0 for one in SCHEDULING.values())))
     except PermissionError:
         return False
     os.sched_setscheduler(0, policy, parameters)

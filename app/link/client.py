@@ -128,7 +128,8 @@ class LinkClient:
         unattended_ns = now_ns - max(self._heartbeat_ns, self._began_ns)
         if self._setup.orphaned or unattended_ns > self._setup.config.unattended_s * 1e9:
             self.end()  # as control on one host
-        nothing_there = self._remote is None or self._their is None
+        # A greeting on its way may begin a session there, which is ended like one whose clock is not known yet.
+        nothing_there = self._remote is None or (self._seal is None and self._fault is not None)
         late = self._ending_ns and now_ns - self._ending_ns > END_NS
         return self._ended or bool(self._ending_ns and nothing_there) or bool(late)
 

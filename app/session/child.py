@@ -68,13 +68,15 @@ def _redirect_output(home: Home, name: str) -> None:
 FIRST_REPORT_S = 40.0
 SILENCE_S = 2.0
 BACK_OFF_S = (1.0, 2.0, 4.0, 8.0, 16.0)
+STEADY_S = 60.0  # one that still reports after this is no repetition of the failure before
 
 
 @dataclass(slots=True)
 class Supervisor:
-    """Decides on restarts with a growing back-off; gives up after as many as the back-off has steps."""
+    """Decides on restarts with a growing back-off; gives up after as many in a row as the back-off has steps."""
 
-    restarts: int = 0
+    restarts: int = 0  # of the whole session
+    _in_a_row: int = 0
     _last_report_s: float | None = None
     _started_s: float | None = None
     _failed_s: float | None = None
@@ -85,14 +87,17 @@ class Supervisor:
             self._started_s = now_s
         if reported:
             self._last_report_s = now_s
+            if now_s - self._started_s >= STEADY_S:
+                self._in_a_row = 0
         if alive and not self._silent(now_s):
             self._failed_s = None
             return False
         if self._failed_s is None:
             self._failed_s = now_s
-        if self.restarts >= len(BACK_OFF_S) or now_s - self._failed_s < BACK_OFF_S[self.restarts] - 1.0:
+        if self._in_a_row >= len(BACK_OFF_S) or now_s - self._failed_s < BACK_OFF_S[self._in_a_row] - 1.0:
             return False
         self.restarts += 1
+        self._in_a_row += 1
         self._started_s, self._last_report_s, self._failed_s = now_s, None, None
         return True
 

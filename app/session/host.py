@@ -306,7 +306,7 @@ class SessionHost:
 
     def _take_over(self) -> None:
         """The next lease; control holds the legs from then on, and hears no earlier console."""
-        self._host = Peer(self.setup.host_pid)
+        self._host = Peer(self.setup.host_pid, self.setup.host_started)
         try:
             self._lease = take_lease(self.setup.links).number
         except OSError as error:

@@ -47,12 +47,17 @@ class Lease(Struct, frozen=True, kw_only=True):
 class Peer:
     """Another process, child or not, by a descriptor that stays its own when the kernel gives its number away."""
 
-    def __init__(self, pid: int) -> None:
-        """One that has ended already is simply not alive."""
+    def __init__(self, pid: int, started: str = "") -> None:
+        """One that has ended already is simply not alive.
+
+        started: as `start_of` had it; a later process of that number is not the one.
+        """
         self.pid = pid
         self._handle: int | None = None
         with suppress(OSError, ValueError):
             self._handle = os.pidfd_open(pid)
+        if started and started != start_of(pid):
+            self.close()
 
     @property
     def alive(self) -> bool:
@@ -89,6 +94,16 @@ class Peer:
             os.close(handle)
 
 
+def start_of(pid: int) -> str:
+    """Boot and moment at which a process was started: its number is given away again. Empty: there is none."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()  # a name may have spaces
+        boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii").strip()
+    except OSError:
+        return ""
+    return f"{boot} {int(fields[19])}"  # starttime, proc_pid_stat(5), in clock ticks
+
+
 def share(setup: SessionSetup) -> None:
     """Let other terminals of this home find the session."""
     path = Home(setup.home).session_file
@@ -112,19 +127,18 @@ def shared(home: Home) -> SessionSetup:
         setup = decode(content, SessionSetup)
     except (OSError, ValueError, TypeError, RecursionError, msgspec.MsgspecError) as error:
         raise AppError(ConsoleFault.NO_SESSION_TO_WATCH, home=home.root) from error
-    if not setup.links.path.exists():
-        raise AppError(ConsoleFault.SESSION_ENDED, session=setup.session)
+    with closing(Peer(setup.host_pid, setup.host_started)) as host:
+        if not (setup.links.path.exists() and host.alive):
+            raise AppError(ConsoleFault.SESSION_ENDED, session=setup.session)
     return setup
 
 
 def held_session(home: Home) -> SessionSetup | None:
     """The session of this home whose console is gone, for one who holds the home's lock; None: there is none."""
     try:
-        setup = shared(home)
+        return shared(home)
     except AppError:
         return None
-    with closing(Peer(setup.host_pid)) as host:
-        return setup if host.alive else None
 
 
 def take_lease(links: LinkDirectory) -> Lease:

@@ -25,7 +25,7 @@ from app.ipc import streams
 from app.ipc.links import LatestReceiver, Publisher, address, end_links
 from app.ipc.messages import ProcessStatus, SessionStatus, TriggerReport
 from app.session.child import Supervisor
-from app.session.shared import Launch, Lease, Peer, current_lease, decode, share, unshare
+from app.session.shared import Launch, Lease, Peer, current_lease, decode, share, start_of, unshare
 from app.system.diagnostics_log import get_logger, start_log, stop_log
 from app.system.legs_lock import claim_legs
 from app.system.paths import Home
@@ -171,7 +171,7 @@ def supervise(launch: Launch) -> None:
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     set_oom_score_adj("session")
     set_autogroup_nice("session")
-    setup = replace(launch.setup, host_pid=os.getpid())
+    setup = replace(launch.setup, host_pid=os.getpid(), host_started=start_of(os.getpid()))
     legs = claim_legs(setup)
     start_log(Home(setup.home), "session", session=setup.session, patient=setup.profile.identifier)
     processes = SessionProcesses(replace(launch, setup=setup))

@@ -16,7 +16,8 @@ from app.system.config import SessionSetup, load_device
 from app.system.errors import AppError
 from app.system.paths import Home, LockFault
 
-# Drives are the same to every user and every home of a host. The first folder that can be written to.
+# Drives are the same to every user and every home of a host. Each folder that can be written to: not every user may
+# write to the first.
 HOST_FOLDERS = (Path("/run/lock"), Path("/tmp"))
 _HELD = Path("/proc/locks")
 
@@ -89,9 +90,9 @@ def lock_paths(setup: SessionSetup) -> tuple[Path, ...]:
     from hal.joints.can.bus import with_bus  # brings python-can: not before the console's first paint
 
     device = with_bus(load_device(joints), joints.interface, joints.channel)
-    folder = next((one for one in HOST_FOLDERS if os.access(one, os.W_OK)), HOST_FOLDERS[-1])
+    folders = [one for one in HOST_FOLDERS if os.access(one, os.W_OK)] or HOST_FOLDERS[-1:]
     buses = dict.fromkeys(f"rleex-{bus.interface}-{bus.channel}".replace("/", "-") for bus in device.buses)
-    return (*at_home, *(folder / f"{bus}.lock" for bus in buses))
+    return (*at_home, *(folder / f"{bus}.lock" for folder in folders for bus in buses))
 
 
 def _open(path: Path) -> int:

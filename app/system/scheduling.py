@@ -156,11 +156,22 @@ def control_core(wanted: int | None = None) -> int | None:
 
     wanted: the configuration's; one that this process may not use counts as none.
     """
-    allowed = sorted(os.sched_getaffinity(0))
-    if wanted in allowed and len(allowed) > 1:
+    inherited = os.sched_getaffinity(0)
+    shared = sorted(inherited) if len(inherited) > 1 else []
+    isolated = [core for core in _isolated_cores() if core in shared or _may_have(core, inherited)]
+    if wanted is not None and wanted in (*shared, *isolated):
         return wanted
-    isolated = [core for core in _isolated_cores() if core in allowed]
-    return isolated[-1] if isolated else allowed[-1] if len(allowed) > 1 else None
+    return next(iter((*isolated[-1:], *shared[-1:])), None)
+
+
+def _may_have(core: int, inherited: set[int]) -> bool:
+    """Whether this thread may go to a core: nobody inherits an isolated one, and a cpuset may leave it out."""
+    try:
+        os.sched_setaffinity(0, {core})
+    except OSError:
+        return False
+    os.sched_setaffinity(0, inherited)
+    return True
 
 
 def gc_freeze() -> None:

@@ -196,7 +196,7 @@ class Preflight(Dialog[bool]):
     def _end(self, result: Wording) -> None:
         self._ended = True
         hinted = self._passed and self.console_app.live is not None
-        self._show(lambda: f"{result()}\n{tr('preflight.next_session')}" if hinted else result())
+        self._show(lambda: f"{result()}\n{tr('preflight.joints_off')}" if hinted else result())
 
     def _show(self, progress: Wording) -> None:
         self._progress = progress

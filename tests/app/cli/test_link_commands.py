@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from app.cli import main
+from app.cli import common, main
+from app.link import wire
 from app.link.keys import Peer, add_peer
 from app.system.paths import Home
 
@@ -20,6 +21,10 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Home:
     place.root.mkdir()
     monkeypatch.setenv("RLEEX_HOME", str(place.root))
     return place
+
+
+def test_the_port_without_the_links_imports_is_the_links_own() -> None:
+    assert common.PORT == wire.PORT
 
 
 def refused(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: str) -> str:
@@ -46,6 +51,9 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *ar
     [
         (("link", "pair", "exo local"), "no address"),
         (("link", "pair", "127.0.0.1:9", "--code", "1234-5678"), "Nobody answers at 127.0.0.1:9"),
+        (("link", "pair", "127.0.0.1", "--port", "9", "--code", "1234-5678"), "Nobody answers at 127.0.0.1:9"),
+        (("link", "pair", "127.0.0.1:9", "--port", "8"), "no use for --port"),
+        (("link", "pair", "--code", "1234-5678"), "no use for --code"),
         (("link", "forget", "exo"), "No paired computer is called exo"),
         (("link", "pair", "--port", "9"), "does not answer on port 9"),
     ],

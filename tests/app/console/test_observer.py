@@ -37,8 +37,8 @@ from app.system.errors import AppError
 from app.system.paths import Home
 from app.text.catalogue import tr
 from profiles.schema import DEMO_PATIENT
+from testing.authors import signed_in
 from tests.app.console.conftest import Opener
-from tests.support.authors import signed_in
 
 LIMIT_S = 10.0
 
@@ -52,8 +52,9 @@ def setup(home: Home, tmp_path: Path) -> SessionSetup:
 
 
 def test_what_is_shared_is_found(home: Home, setup: SessionSetup) -> None:
-    share(setup)
-    assert shared(home) == setup
+    running = msgspec.structs.replace(setup, host_pid=os.getpid())
+    share(running)
+    assert shared(home) == running
 
 
 def test_without_a_session_there_is_nothing_to_watch(home: Home, setup: SessionSetup) -> None:
@@ -63,7 +64,7 @@ def test_without_a_session_there_is_nothing_to_watch(home: Home, setup: SessionS
     unshare(setup)
     with pytest.raises(AppError, match="NO_SESSION_TO_WATCH"):
         shared(home)
-    share(setup)
+    share(msgspec.structs.replace(setup, host_pid=os.getpid()))
     setup.links.path.rmdir()
     with pytest.raises(AppError, match="SESSION_ENDED"):
         shared(home)

@@ -83,6 +83,16 @@ def test_looking_at_real_time_leaves_the_process_as_it_was() -> None:
     assert os.sched_getscheduler(0) == before
 
 
+@pytest.mark.parametrize(("limit", "code"), [(20, F.FIFO_NOT_ALLOWED), (80, F.FIFO_ALLOWED)])
+def test_fifo_is_allowed_if_the_guardians_priority_is(monkeypatch: pytest.MonkeyPatch, limit: int, code: F) -> None:
+    def schedule(_process: int, _policy: int, parameters: os.sched_param) -> None:
+        if parameters.sched_priority > limit:
+            raise PermissionError
+
+    monkeypatch.setattr(os, "sched_setscheduler", schedule)
+    assert next(doctor.check_real_time()).what.code == key_of(code)
+
+
 def test_keys_that_others_may_read_are_bad(tmp_path: Path) -> None:
     home = Home(tmp_path)
     home.keys.mkdir()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import secrets
+import shutil
 import socket
 import threading
 import time
@@ -19,6 +20,7 @@ from app.ipc import streams
 from app.ipc.links import LatestReceiver, address
 from app.ipc.messages import LinkHealth
 from app.link import served
+from app.link.client import LinkClient
 from app.link.keys import Peer, add_peer, own_key
 from app.link.pairing import Offer, new_code, pair, write_offer
 from app.link.questions import Answer, Asking, PairBegin, PairConfirm, PairRefused, Who, encode, find
@@ -161,6 +163,20 @@ def test_a_laptop_is_told_that_the_session_is_over_when_the_command_ends(joints:
             if ended:
                 break
     assert ended
+
+
+def test_a_session_that_ends_before_the_first_packet_ends_there_as_well(
+    joints: Joints, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Remote, "send_packet", lambda *_: None)
+    setup = paired(joints, Home(tmp_path / "laptop"))
+    setup.links.path.mkdir(mode=0o700)
+    with closing(LinkClient(setup)) as link:
+        link.end()
+        link.run()
+    assert joints.server._session is not None
+    assert joints.server._session.ended
+    shutil.rmtree(setup.links.path)
 
 
 def test_a_malformed_half_of_a_pairing_is_refused_and_costs_one_exchange(joints: Joints) -> None:

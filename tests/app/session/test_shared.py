@@ -20,8 +20,9 @@ from app.ipc.messages import ControlSnapshot, OperatorKind
 from app.ipc.states import Effect, GaitState
 from app.ipc.streams import SNAPSHOT, LinkDirectory
 from app.session.host import SessionHost, make_setup
-from app.session.shared import Peer, current_lease, held_session, share, take_lease, unshare
+from app.session.shared import Peer, current_lease, held_session, share, shared, start_of, take_lease, unshare
 from app.system.config import Config, SessionSetup
+from app.system.errors import AppError
 from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT
 from testing.fake_host import JOINT
@@ -55,6 +56,25 @@ def test_a_session_is_found_while_its_process_lives(tmp_path: Path) -> None:
     assert held_session(home) is None
     unshare(setup)
     made.links.path.rmdir()
+
+
+def test_another_process_with_the_hosts_number_is_neither_found_nor_ended(tmp_path: Path) -> None:
+    home = Home(tmp_path / "home")
+    made = make_setup(home, Config(), DEMO_PATIENT, None)
+    with subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as process:
+        setup = msgspec.structs.replace(made, host_pid=process.pid, host_started=start_of(process.pid))
+        share(setup)
+        assert held_session(home) == setup
+        stale = msgspec.structs.replace(setup, host_started=start_of(os.getpid()))
+        share(stale)
+        assert held_session(home) is None
+        with pytest.raises(AppError, match="SESSION_ENDED"):
+            shared(home)
+        console = SessionHost(stale)
+        with pytest.raises(AppError, match="NOT_STARTED"):
+            console.start()
+        console.close()
+        assert process.poll() is None
 
 
 def test_a_peer_is_seen_to_end_whoever_reaps_it() -> None:

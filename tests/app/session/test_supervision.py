@@ -9,7 +9,7 @@ from typing import cast
 import pytest
 
 from app.audit.process import GIVE_UP_S
-from app.session.child import BACK_OFF_S, FIRST_REPORT_S, SILENCE_S, Supervisor
+from app.session.child import BACK_OFF_S, FIRST_REPORT_S, SILENCE_S, STEADY_S, Supervisor
 from app.session.supervise import end_child
 
 
@@ -24,6 +24,20 @@ def test_a_dead_one_is_started_again_and_given_up_in_the_end() -> None:
     assert len(restarts) == len(BACK_OFF_S)
     pauses = [after - before for before, after in pairwise(restarts)]
     assert pauses == sorted(pauses)
+
+
+@pytest.mark.parametrize(("reports_s", "restarts"), [(STEADY_S + 1, 7), (STEADY_S - 1, len(BACK_OFF_S))])
+def test_only_failures_in_a_row_are_counted_against_it(reports_s: float, restarts: int) -> None:
+    supervisor, now_s = Supervisor(), 0.0
+    for _ in range(7):
+        for _ in range(int(reports_s) + 1):
+            assert not supervisor.must_restart(now_s, alive=True, reported=True)
+            now_s += 1.0
+        moments = [now_s + i for i in range(int(BACK_OFF_S[-1]))]
+        now_s = next((t for t in moments if supervisor.must_restart(t, alive=False, reported=False)), 0.0)
+        if not now_s:
+            break
+    assert supervisor.restarts == restarts
 
 
 def test_a_frozen_one_is_started_again_after_its_timeout() -> None:

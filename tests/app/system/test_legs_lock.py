@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import fcntl
+import os
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -91,6 +92,23 @@ def test_drives_are_the_same_to_every_home(tmp_path: Path, monkeypatch: pytest.M
         claim_legs(there)
     claim_legs(other).close()
     first.close()
+    claim_legs(there).close()
+
+
+def test_drives_are_the_same_to_a_user_who_may_not_write_to_the_first_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    first, second = tmp_path / "run", tmp_path / "tmp"
+    first.mkdir()
+    second.mkdir()
+    monkeypatch.setattr(legs_lock, "HOST_FOLDERS", (first, second))
+    joints = JointsConfig(kind="can", interface="local", channel="a")
+    here, there = setup_of(tmp_path / "here", joints), setup_of(tmp_path / "there", joints)
+    held = claim_legs(here)
+    monkeypatch.setattr(os, "access", lambda path, _: path == second)
+    with pytest.raises(AppError, match="LEGS_HELD"):
+        claim_legs(there)
+    held.close()
     claim_legs(there).close()
 
 

@@ -9,7 +9,15 @@ from pathlib import Path
 
 import pytest
 
-from app.system.scheduling import SCHEDULING, autogroup_nice, control_core, request_low_wake_latency, set_autogroup_nice
+from app.system import scheduling
+from app.system.scheduling import (
+    SCHEDULING,
+    autogroup_nice,
+    control_core,
+    pin_to_control_core,
+    request_low_wake_latency,
+    set_autogroup_nice,
+)
 
 ASK = "import os; from app.system import scheduling; {}; print(*sorted(os.sched_getaffinity(0)))"
 
@@ -43,6 +51,30 @@ def test_the_configured_core_is_controls_if_it_is_there() -> None:
     assert cores_after(f"scheduling.pin_to_control_core({first})") == {first}
     assert first not in cores_after(f"scheduling.avoid_control_core({first})")
     assert control_core(last + 1) == control_core()
+
+
+@pytest.mark.parametrize(
+    ("wanted", "refused", "core"), [(None, set(), 7), (6, set(), 6), (4, set(), 7), (None, {7}, 6), (6, {6, 7}, 1)]
+)
+def test_an_isolated_core_is_controls_though_no_process_inherits_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, wanted: int | None, refused: set[int], core: int
+) -> None:
+    isolated = tmp_path / "isolated"
+    isolated.write_text("6-7\n")
+    now = [{0, 1}]
+
+    def move(_thread: int, cores: set[int]) -> None:
+        if cores <= refused:
+            raise OSError
+        now.append(cores)
+
+    monkeypatch.setattr(scheduling, "_ISOLATED", isolated)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: now[-1])
+    monkeypatch.setattr(os, "sched_setaffinity", move)
+    assert control_core(wanted) == core
+    assert now[-1] == {0, 1}
+    assert pin_to_control_core(wanted) == core
+    assert now[-1] == {core}
 
 
 def test_who_keeps_the_legs_safe_comes_first() -> None:
