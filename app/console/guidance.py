@@ -159,10 +159,12 @@ _FAULTS_OF_DRIVES = {Event.DRIVE_FAULT, Event.DRIVE_UNTRUSTED}
 
 
 def needs_torque_off(state: SessionState) -> bool:
-    """Whether something stays until the joints are switched off: a drive's fault, or its silence without power."""
+    """Whether something stays until the joints are switched off: a drive's fault, or silence without power or bus."""
     powered = state.snapshot is not None and state.snapshot.enabled
-    lasting = _FAULTS_OF_DRIVES if powered else {*_FAULTS_OF_DRIVES, Event.JOINT_TIMEOUT}
-    return any(event.present and event.event in lasting for event in state.events)
+    present = {event.event for event in state.events if event.present}
+    # an adapter that was plugged in again is found by opening its bus anew
+    silent = Event.JOINT_TIMEOUT in present and (not powered or Event.BUS_FAULT in present)
+    return silent or not present.isdisjoint(_FAULTS_OF_DRIVES)
 
 
 def _ending(state: SessionState) -> bool:

@@ -24,6 +24,7 @@ from logs.reason import Reason, Value, reason
 if TYPE_CHECKING:  # the state holds events, whose rows read the diagnostics
     from app.control.state import ControlState, Tick
 
+JOINT_TIMEOUT_MS = 15.0  # with a tick and its margin the effect comes within 20 ms
 RANGE_MARGIN_RAD = radians(2.0)  # of the measured angle over the device's range: encoder noise and a soft stop
 SPEED_MARGIN = 1.1
 TORQUE_MARGIN = 1.05
@@ -110,6 +111,8 @@ class JointDiagnostics(Struct, frozen=True, kw_only=True):
     drive_faults: DriveFault = DriveFault.NONE
     drive_detail: HardwareError | None = None
     silent_joint: Joint | None = None
+    silent: frozenset[Joint] = frozenset()  # without an answer in time
+    sunk_rad: float = 0.0  # of the joints that were silent and answer again
     drive_error: Reason | None = None
     bus: BusFault = BusFault.NONE
     hottest_c: float = nan
@@ -218,6 +221,9 @@ def _joints(inputs: Inputs, state: ControlState, settings: Settings) -> JointDia
     motion, streams = state.motion, state.streams
     measured_ns, temperatures_c = feedback.measured_ns.tolist(), feedback.temperature_c.tolist()
     oldest_ns = min(measured_ns)
+    due_ns = now_ns - streams.own_delay_ns - JOINT_TIMEOUT_MS * NS_PER_MS
+    answering = oldest_ns >= due_ns or not streams.powered  # without power they are asked less often
+    silent = frozenset() if answering else frozenset(one for one in Joint if measured_ns[one] < due_ns)
     return JointDiagnostics(
         answering=oldest_ns > 0,
         age_ms=_age_ms(now_ns - streams.own_delay_ns, oldest_ns),
@@ -226,6 +232,8 @@ def _joints(inputs: Inputs, state: ControlState, settings: Settings) -> JointDia
         drive_faults=_union(feedback.faults),
         drive_detail=feedback.detail,
         silent_joint=_silent_joint(measured_ns, oldest_ns),
+        silent=silent,
+        sunk_rad=_following_rad(motion, feedback, state.silenced - silent) if state.silenced else 0.0,
         drive_error=inputs.drive_error,
         bus=feedback.bus,
         hottest_c=max([value for value in temperatures_c if not isnan(value)], default=nan),
@@ -280,11 +288,12 @@ def _beyond_range(values: list[float], settings: Settings) -> bool:
     )
 
 
-def _following_rad(motion: Motion, feedback: JointFeedback) -> float:
-    """The largest distance of a stiff joint from its target."""
+def _following_rad(motion: Motion, feedback: JointFeedback, joints: Iterable[Joint] = Joint) -> float:
+    """The largest distance of one of these joints, while stiff, from its target."""
     if motion.mode not in {Mode.HOLDING, Mode.MOVING}:
         return 0.0
-    return float(np.abs(motion.command.position_rad - feedback.position_rad).max())
+    behind_rad = np.abs(motion.command.position_rad - feedback.position_rad).tolist()
+    return max((float(behind_rad[joint]) for joint in joints), default=0.0)
 
 
 def _pose_error_rad(state: ControlState, feedback: JointFeedback, settings: Settings) -> float:

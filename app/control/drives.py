@@ -14,6 +14,7 @@ from app.ipc.states import Action
 from app.motion import follower
 from app.motion.follower import Gains, Mode, Motion
 from hal.errors import HardwareError
+from hal.joints.device import Joint
 from hal.joints.guard import Guard, Limits, Refusal
 from hal.joints.protocol import TICK_HZ, DriveFault, DriveState, JointCommand, JointFeedback, Joints, carries_power
 from hal.joints.scene import Scene
@@ -75,9 +76,16 @@ class Drives:
         self.powered = carries_power(feedback.state, self.powered)
         return feedback
 
-    def write(self, command: JointCommand, feedback: JointFeedback, now_ns: int) -> None:
-        """Write a command that passes the guard, else the last one that did, without its speed."""
+    def write(
+        self, command: JointCommand, feedback: JointFeedback, now_ns: int, unheld: frozenset[Joint] = frozenset()
+    ) -> None:
+        """Write a command that passes the guard, else the last one that did, without its speed.
+
+        unheld: joints that are not held any more, whatever was written last.
+        """
         previous = self.written if self.powered else None
+        if unheld and previous is not None:
+            previous = follower.without_stiffness(previous, unheld)
         self.refusal = self._guard.check(command, previous, feedback.position_rad)
         if self.refusal is not None:
             command = replace(previous or follower.NEUTRAL, velocity_rad_s=np.zeros(4))

@@ -18,7 +18,7 @@ from app.motion.follower import Gains
 from app.motion.plan import Plan, PlanRequest
 from hal.inputs.device import InputReadings
 from hal.joints.guard import Limits, Refusal
-from hal.joints.protocol import JointArray, JointCommand, JointFeedback, carries_power
+from hal.joints.protocol import Joint, JointArray, JointCommand, JointFeedback, carries_power
 from kgdfa.gesture import Gesture
 from logs.reason import Reason
 from logs.records import Body
@@ -77,6 +77,7 @@ class Outputs(Struct, frozen=True, kw_only=True):
     """What the loop has to do after a tick."""
 
     command: JointCommand
+    unheld: frozenset[Joint] = frozenset()  # not held any more, whatever was commanded last
     drives: DriveOrder = DriveOrder.NONE
     plan_requests: tuple[PlanRequest, ...] = ()
     audit: tuple[Body, ...] = ()
@@ -112,6 +113,7 @@ class StreamState(Struct, frozen=True, kw_only=True):
     link: LinkHealth | None = None  # None: the console is on this host
     resumed_ns: int = 0  # when control last came back from missed ticks
     own_delay_ns: int = 0  # how long control sent no command, of the time since the oldest feedback
+    unread_ns: int = 0  # how long control read no command, of the time since the console's newest one
     clock_offset_ns: int  # wall minus monotonic
     sleep_ns: int  # boot time minus monotonic: how long the host has slept
     clock_step_ns: int = 0  # in this tick
@@ -159,6 +161,7 @@ def update_streams(streams: StreamState, inputs: Inputs, lease: int) -> StreamSt
         link=inputs.link or streams.link,
         resumed_ns=now_ns if inputs.missed_ticks else streams.resumed_ns,
         own_delay_ns=_own_delay_ns(streams, inputs),
+        unread_ns=(0 if streams.console_ns > streams.resumed_ns else streams.unread_ns) + _delay_ns(inputs),
         clock_offset_ns=offset_ns,
         sleep_ns=sleep_ns,
         clock_step_ns=offset_ns - streams.clock_offset_ns,
@@ -171,7 +174,12 @@ def _own_delay_ns(streams: StreamState, inputs: Inputs) -> int:
     """Drives answer commands: while control misses ticks, the missing answers are not their fault."""
     all_since_resumed = int(inputs.feedback.measured_ns.min()) > streams.resumed_ns
     before_ns = 0 if all_since_resumed else streams.own_delay_ns
-    return before_ns + (inputs.late_ns if inputs.missed_ticks else 0)
+    return before_ns + _delay_ns(inputs)
+
+
+def _delay_ns(inputs: Inputs) -> int:
+    """How long control itself stood still before this tick."""
+    return inputs.late_ns if inputs.missed_ticks else 0
 
 
 def new_release(streams: StreamState, report: TriggerReport | None) -> ActionRequest | None:

@@ -99,7 +99,7 @@ class Control:
             self._histogram.add(late_ns, missed)
             inputs = self._read(now_ns, late_ns, missed)
             self._state, outputs = step(self._state or initial_state(inputs), inputs, self._settings)
-            self._drives.write(outputs.command, inputs.feedback, now_ns)
+            self._drives.write(outputs.command, inputs.feedback, now_ns, outputs.unheld)
             self._publish(self._state, inputs, outputs)
             if self._recorder is not None:
                 self._record_tick(self._recorder, self._state, inputs, outputs)
@@ -133,7 +133,8 @@ class Control:
         feedback = self._drives.read(now_ns)
         running = self._state.running if self._state else None
         received = self._links.receive(
-            slow=self._waited or self._tick % SLOW_STREAM_TICKS == 0,  # after a wait nothing is as old as it looks
+            # after a wait nothing is as old as it looks, and the guardian may have acted in missed ticks
+            slow=self._waited or self._tick % SLOW_STREAM_TICKS == 0 or missed > 0 or self._awaits_guardian,
             planning=running is not None and bool(running.awaited_plans),
         )
         if self._tick % CLEARED_TICKS == 0 and not self._drives.powered:
@@ -157,6 +158,14 @@ class Control:
             cleared=self._cleared,
             **asdict(received),
         )
+
+    @property
+    def _awaits_guardian(self) -> bool:
+        """Whether what the guardian did in control's missed ticks is still unknown."""
+        if self._state is None:
+            return False
+        guardian, resumed_ns = self._state.streams.guardian, self._state.streams.resumed_ns
+        return resumed_ns > 0 and (guardian is None or guardian.at_ns < resumed_ns)
 
     def _publish(self, state: ControlState, inputs: Inputs, outputs: Outputs) -> None:
         self._links.send_plan_requests(outputs.plan_requests)

@@ -28,7 +28,7 @@ ACT_STALE_MS = 500  # a key pressed longer ago requests nothing any more; STOP n
 
 
 def handle_operator_commands(tick: Tick) -> None:
-    """Handle the new operator commands in their order; without a console for too long, end the session."""
+    """Handle the new operator commands in their order; end the session where it must."""
     for command in tick.inputs.commands:
         if admits(tick.state.lease, tick.state.sequence, command):
             _HANDLERS[command.kind](tick, command)
@@ -36,7 +36,13 @@ def handle_operator_commands(tick: Tick) -> None:
                 tick.update(sequence=command.sequence)
     if tick.inputs.must_end:
         _end(tick)
-    elif tick.now_ns - tick.state.streams.console_ns > tick.settings.unattended_ns and not tick.state.ending_ns:
+
+
+def end_unattended(tick: Tick) -> None:
+    """End the session without a console for too long; while control itself stood still, none could be heard."""
+    streams = tick.state.streams
+    silent_ns = tick.now_ns - streams.console_ns - streams.unread_ns
+    if silent_ns > tick.settings.unattended_ns and not tick.state.ending_ns:
         tick.update(unattended=True)
         tick.audit.append(records.Note(text=reason(ConsoleChange.NOBODY_CAME)))
         _end(tick)
@@ -288,15 +294,22 @@ def _reset_stops(tick: Tick, left: set[Event]) -> None:
         tick.update(voice_stopped=False)
 
 
-def _arm(tick: Tick, _: OperatorCommand) -> None:
+def _arm(tick: Tick, command: OperatorCommand) -> None:
+    untimely = untimely_key(command.sent_ns, tick.now_ns)
+    if untimely is not None:
+        _refuse_arming(tick, reason(untimely[0]))
+        return
     poor = exceeded_figure(link_figures(tick.state.streams.link))
     if poor is not None:  # refused with the figure, not armed and then refused gesture by gesture
-        why = reason(RequestRefusal.LINK_POOR, **link_values(poor))
-        tick.show_refusal(why)
-        tick.audit.append(records.Note(text=why))
+        _refuse_arming(tick, reason(RequestRefusal.LINK_POOR, **link_values(poor)))
         return
     tick.update(armed_ns=tick.now_ns)
     tick.audit.append(records.Arming(armed=True, at_ns=tick.now_ns))
+
+
+def _refuse_arming(tick: Tick, why: Reason) -> None:
+    tick.show_refusal(why)
+    tick.audit.append(records.Note(text=why))
 
 
 def _disarm(tick: Tick, _: OperatorCommand) -> None:

@@ -17,6 +17,7 @@ from app.ipc.messages import ActionReport, PauseSummary
 from app.ipc.states import Action, Effect, GaitState, PauseCause
 from app.motion.follower import Motion
 from app.motion.plan import PlanRequest
+from hal.joints.device import Joint
 from logs import records
 from logs.reason import Reason
 from logs.records import Body
@@ -41,6 +42,7 @@ class ControlState(Struct, frozen=True, kw_only=True):
     gait: Gait = Gait()
     motion: Motion = Motion()
     events: RaisedEvents = ()
+    silenced: frozenset[Joint] = frozenset()  # did not answer in time; until that is acknowledged
     stop_inputs: StopInputStates = ()
     running: RunningAction | None = None
     armed_ns: int = 0  # since when; 0: not armed
@@ -87,6 +89,7 @@ class Tick:
     requests: list[ActionRequest] = field(default_factory=list)
     acknowledged_ns: int = 0
     stopped: bool = False  # a STOP came in this tick
+    unheld: frozenset[Joint] = frozenset()  # joints that are not held any more, whatever was commanded
     drives: DriveOrder = DriveOrder.NONE
     plan_requests: list[PlanRequest] = field(default_factory=list)
     audit: list[Body] = field(default_factory=list)
@@ -148,6 +151,7 @@ class Tick:
         """What the loop has to do."""
         return Outputs(
             command=self.state.motion.command,
+            unheld=self.unheld,
             drives=self.drives,
             plan_requests=tuple(self.plan_requests),
             audit=tuple(self.audit),

@@ -31,14 +31,15 @@ from app.control.inputs import (
     without_stale_report,
 )
 from app.control.pause import paused_too_long, track_pause
-from app.control.requests import arbitrate, handle_gesture, handle_operator_commands, lacks_preflight
+from app.control.requests import arbitrate, end_unattended, handle_gesture, handle_operator_commands, lacks_preflight
 from app.control.running_action import Stage, measure, note_command
 from app.control.state import ControlState, Tick
 from app.control.stop_inputs import input_records, update_stop_inputs
 from app.ipc.states import Effect, Event, RequestRefusal
-from app.ipc.streams import AUDIT_HEALTH, GUARDIAN, NS_PER_MS, OPERATOR, TRIGGER
+from app.ipc.streams import AUDIT_HEALTH, DAMP_NS, GUARDIAN, NS_PER_MS, OPERATOR, TRIGGER
 from app.motion import follower
 from app.motion.follower import Mode
+from hal.joints.device import Joint
 from logs import records
 from logs.reason import Reason, reason
 
@@ -50,7 +51,6 @@ STREAM_OF = {
     Event.GUARDIAN_TIMEOUT: GUARDIAN,
 }
 END_HOLD_NS = 400 * NS_PER_MS  # a session that ends holds first, longer than a hold takes; then it damps
-UNATTENDED_DAMP_NS = 3_000 * NS_PER_MS  # with nobody there to support, the wearer sinks into the harness first
 
 
 def initial_state(inputs: Inputs) -> ControlState:
@@ -66,6 +66,7 @@ def step(state: ControlState, inputs: Inputs, settings: Settings) -> tuple[Contr
     handle_operator_commands(tick)
     handle_gesture(tick)
     tick.update(streams=update_streams(tick.state.streams, inputs, tick.state.lease))
+    end_unattended(tick)
     _update_stop_inputs(tick)
     _update_events(tick)
     _apply_effect(tick)
@@ -120,6 +121,9 @@ def _update_events(tick: Tick) -> None:
     before = tick.state.events
     diagnostics = collect_diagnostics(tick, _session(tick), _planning(tick))
     after = advance(before, diagnostics, tick.acknowledged_ns)
+    if diagnostics.joints.silent or tick.state.silenced:
+        lasts = any(one.event is Event.JOINT_TIMEOUT and one.in_force for one in after)
+        tick.update(silenced=tick.state.silenced | diagnostics.joints.silent if lasts else frozenset())
     if after is not before:
         effect_before = tick.state.effect
         tick.update(events=after)
@@ -143,13 +147,31 @@ def _apply_effect(tick: Tick) -> None:
         _lose_power(tick)
     elif effect is Effect.DAMP:
         _interrupt(tick)
-        tick.update(motion=follower.ramp_to_damping(tick.state.motion))
+        _damp(tick)
     elif effect is Effect.HOLD and tick.state.gait.running is not None:
         _interrupt(tick)
     elif displaced(tick.state.events) and tick.state.gait.running is None:
         tick.change_gait(Change.INTERRUPTED)
     elif effect is Effect.REFUSE and tick.state.gait.walking:
         _end_walk(tick)
+
+
+def _damp(tick: Tick) -> None:
+    """Ramp to damping; without a ramp what is not held any more, whatever was commanded."""
+    state = tick.state
+    if state.motion.mode is not Mode.DISABLED:
+        tick.unheld = _unheld(state)
+        tick.update(motion=follower.ramp_to_damping(state.motion, tick.unheld))
+    elif state.streams.powered:
+        tick.update(motion=follower.start_damped(tick.settings.gains))
+
+
+def _unheld(state: ControlState) -> frozenset[Joint]:
+    """The joints that the guardian has damped or switched off, or that have sunk while they did not answer."""
+    in_force = {one.event for one in state.events if one.in_force}
+    if Event.GUARDIAN_ACTED in in_force:
+        return frozenset(Joint)
+    return state.silenced if Event.JOINT_SANK in in_force else frozenset()
 
 
 def _interrupt(tick: Tick) -> None:
@@ -199,7 +221,7 @@ def _disable_drives(tick: Tick) -> None:
     Before the tick's own command: while the last stiffness is on the drives, a neutral command would be a jump.
     """
     state = tick.state
-    damped_ns = END_HOLD_NS + UNATTENDED_DAMP_NS if state.unattended else 0
+    damped_ns = END_HOLD_NS + DAMP_NS if state.unattended else 0
     wanted = state.torque_off or (state.ending_ns and tick.now_ns - state.ending_ns >= damped_ns)
     if wanted and state.motion.fully_damped:
         tick.drives = DriveOrder.DISABLE

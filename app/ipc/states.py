@@ -105,6 +105,7 @@ class Event(Enum):
     HOST_SUSPENDED = "host-suspended"
     CLOCK_JUMP = "clock-jump"
     JOINT_TIMEOUT = "joint-timeout"
+    JOINT_SANK = "joint-sank"
     DRIVE_FAULT = "drive-fault"
     DRIVE_UNTRUSTED = "drive-untrusted"
     DRIVES_POWER_LOST = "drives-power-lost"

@@ -15,7 +15,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from app.motion.plan import Plan
-from hal.joints.device import Exoskeleton
+from hal.joints.device import Exoskeleton, Joint
 from hal.joints.protocol import TICK_HZ, JointArray, JointCommand
 from hal.minimum_jerk import minimum_jerk, minimum_jerk_rate
 
@@ -151,11 +151,37 @@ def resume_from(motion: Motion, written: JointCommand) -> Motion:
     return hold(replace(motion, command=written))
 
 
-def ramp_to_damping(motion: Motion) -> Motion:
-    """Start the damping ramp; no change while it runs, and for disabled joints."""
-    if motion.mode in {Mode.DAMPED, Mode.DISABLED}:
+def ramp_to_damping(motion: Motion, unheld: frozenset[Joint] = frozenset()) -> Motion:
+    """Start the damping ramp; no change while it runs, and for disabled joints.
+
+    unheld: joints that are not held any more, whatever was commanded: a ramp of their stiffness would pull them.
+    """
+    if motion.mode is Mode.DISABLED:
         return motion
-    return Motion(mode=Mode.DAMPED, command=motion.command, origin=motion.command)
+    if motion.mode is not Mode.DAMPED:
+        motion = Motion(mode=Mode.DAMPED, command=motion.command, origin=motion.command)
+    if not unheld:
+        return motion
+    return replace(
+        motion, command=without_stiffness(motion.command, unheld), origin=without_stiffness(motion.origin, unheld)
+    )
+
+
+def start_damped(gains: Gains) -> Motion:
+    """Pure damping of joints under neutral commands: there is nothing to ramp down."""
+    command = dataclasses.replace(NEUTRAL, damping_nm_s_rad=gains.damped_nm_s_rad)
+    return Motion(mode=Mode.DAMPED, command=command, origin=command, ramp=1.0)
+
+
+def without_stiffness(command: JointCommand, unheld: frozenset[Joint]) -> JointCommand:
+    """The command with nothing but damping for these joints."""
+    held = np.array([joint not in unheld for joint in Joint])
+    return dataclasses.replace(
+        command,
+        velocity_rad_s=held * command.velocity_rad_s,
+        stiffness_nm_rad=held * command.stiffness_nm_rad,
+        torque_nm=held * command.torque_nm,
+    )
 
 
 def advance(motion: Motion, gains: Gains, *, hold: bool, missed: int = 0) -> Motion:

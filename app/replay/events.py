@@ -67,6 +67,7 @@ _PLACE: dict[Event, tuple[str, str]] = {
     Event.HOST_SUSPENDED: ("clocks", "slept_s"),
     Event.CLOCK_JUMP: ("clocks", "step_s"),
     Event.JOINT_TIMEOUT: ("joints", "age_ms"),
+    Event.JOINT_SANK: ("joints", "sunk_rad"),
     Event.LEGS_MOVING: ("joints", "fastest_rad_s"),
     Event.FAR_FROM_POSE: ("joints", "pose_error_rad"),
     Event.FOLLOWING_WARNING: ("joints", "following_rad"),

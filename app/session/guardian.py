@@ -18,7 +18,7 @@ from app.audit.sink import AuditSink
 from app.ipc import streams
 from app.ipc.links import LatestReceiver, Publisher, address
 from app.ipc.messages import GuardianHealth, Heartbeat
-from app.ipc.streams import NS_PER_MS
+from app.ipc.streams import DAMP_NS, NS_PER_MS
 from app.system.config import SessionSetup, load_device
 from app.system.diagnostics_log import get_logger
 from app.system.legs_lock import share_legs
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 _log = get_logger("guardian")
 
 CHECK_S = 0.004  # twice, after the stale limit of 65 ms: the joints are damped before 80 ms are over
-DAMP_NS = 3_000 * NS_PER_MS  # the wearer sinks into the harness; then the torque goes off
 ENDING_DAMP_NS = 500 * NS_PER_MS
 LATE_CHECK_NS = 12 * NS_PER_MS
 MISSED_CHECKS = 2
@@ -146,18 +145,23 @@ class Guardian:
         self._health_ns = 0
         self._foreign_peers = 0
         self._tried_ns = -RETRY_NS
+        self._stale = False  # the drives have lost power since the bus was opened
         self._sink.emit(ProcessStart(pid=os.getpid()))
 
     def check(self, now_ns: int) -> None:
         """One check, and what follows from it."""
         self._open(now_ns)
-        before = self._state.action
+        before, was_powered = self._state.action, self._powered
         self._state = check_heartbeat(self._state, self._heartbeats.receive(), now_ns, ending=self._ended())
+        self._stale = self._stale or (was_powered and not self._powered)
+        if self._stale and self._state.action is GuardianAction.MONITOR:
+            self._reopen(now_ns)
         self._act()
         self._listen(before, now_ns)
         if before is GuardianAction.MONITOR and self._state.action is GuardianAction.DAMP:
             self._record_loss(now_ns)
-        if now_ns - self._health_ns >= streams.GUARDIAN.period_ns:
+        # at once when it acts: a control that comes back must not grip what it was not holding any more
+        if now_ns - self._health_ns >= streams.GUARDIAN.period_ns or self._state.action is not before:
             self._health_ns = now_ns
             acted = self._state.action is not GuardianAction.MONITOR
             self._foreign_peers += self._heartbeats.foreign_peers() + self._health.foreign_peers()
@@ -226,11 +230,32 @@ class Guardian:
                 self._sink.emit(Note(text=reason(GuardianNotice.NOT_ANSWERED, action=action, joints=silent)))
                 _log.error("drives silent", action=action.value, joints=[joint.name for joint in silent])
 
+    @property
+    def _powered(self) -> bool:
+        """Whether control has reported power last."""
+        return self._state.heartbeat is not None and self._state.heartbeat.enabled
+
+    def _reopen(self, now_ns: int) -> None:
+        """After torque off, as control does: an adapter may have been plugged in again, and be another one."""
+        self._stale = False
+        if self._stop is not None:
+            self._stop.close()
+            self._fault = reason(GuardianNotice.BUS_NOT_OPENED)
+            self._tried_ns = now_ns - RETRY_NS
+            self._open(now_ns)
+
     def _open(self, now_ns: int) -> None:
-        """Open the bus, again while it fails: the guardian may be up before the bus is."""
-        if self._stop is None or self._fault is None or now_ns - self._tried_ns < RETRY_NS:
+        """Open the bus, again while it fails: the guardian may be up before the bus is, and an adapter may go.
+
+        While there is nothing to do, a look once a second finds out whether the bus is there.
+        """
+        if self._stop is None or now_ns - self._tried_ns < RETRY_NS:
             return
         self._tried_ns = now_ns
+        if self._fault is None:
+            self._stop.look()
+        if self._fault is None and not self._stop.failed:
+            return
         try:
             self._stop.open()
         except HardwareError as error:

@@ -9,14 +9,13 @@ from math import isfinite
 
 import numpy as np
 
-from app.control.diagnostics import RANGE_MARGIN_RAD, SPEED_MARGIN, TORQUE_MARGIN, Diagnostics
+from app.control.diagnostics import JOINT_TIMEOUT_MS, RANGE_MARGIN_RAD, SPEED_MARGIN, TORQUE_MARGIN, Diagnostics
 from app.control.events.row import Above, Compared, Latch, Row
 from app.control.inputs import Settings
 from app.ipc.states import Effect, Event
 from hal.joints.protocol import BusFault, DriveFault, Joint, JointArray, JointFeedback
 from logs.reason import Value, reason, reason_of
 
-JOINT_TIMEOUT_MS = 15.0  # with a tick and its margin the effect comes within 20 ms
 FOLLOWING_WARN_RAD = 0.14  # 8°, four times the tracking that the plans are checked for
 FOLLOWING_LIMIT_RAD = 0.26  # 15°
 DRIFT_RAD_S = 0.6
@@ -120,6 +119,8 @@ def _following_above(limit_rad: float) -> Above:
 E, F, P = Event, Effect, Latch.POWERED
 DRIVES = (
     Row(E.JOINT_TIMEOUT, F.HOLD, _joint_timeout, P, _report, compares=_answer_age),
+    # A drive may go limp without commands: what has sunk meanwhile is not pulled back.
+    Row(E.JOINT_SANK, F.DAMP, Above("following_rad", lambda d: d.joints.sunk_rad, FOLLOWING_WARN_RAD), P),
     Row(E.DRIVE_FAULT, F.HOLD, lambda d: _any_of(d.joints.drive_faults, HELD_FAULTS), P, _report),
     Row(E.DRIVE_UNTRUSTED, F.DAMP, lambda d: _any_of(d.joints.drive_faults, DAMPED_FAULTS), P, _report),
     Row(E.DRIVES_POWER_LOST, F.HOLD, lambda d: d.joints.drives_lost, Latch.ALWAYS, _report),

@@ -17,6 +17,7 @@ from hal.errors import CanFault, DeviceFault, DrivesFault, HardwareError
 from hal.joints.can import lifecycle
 from hal.joints.can.bus import LOAD_LIMIT, BusPort, bus_load, frame_bits, open_bus
 from hal.joints.can.drive import Drive, Router, drives_of
+from hal.joints.can.reply_checks import RangeCheck
 from hal.joints.codecs import damiao
 from hal.joints.codecs.wire import NEUTRAL, Frame, SetPoint
 from hal.joints.device import Exoskeleton
@@ -58,6 +59,8 @@ class SocketCanJoints:
         """
         if self._ports:
             raise HardwareError(DrivesFault.ALREADY_OPEN)
+        for drive in self.drives:
+            drive.range_check = RangeCheck()
         try:
             self._open_ports(now_ns)
             lifecycle.probe(self)
@@ -210,7 +213,6 @@ class SocketCanJoints:
             state=self._state,
             bus=bus,
             detail=detail if healthy else detail or _first_fault(drives, faults),
-            missed_replies=sum(drive.requests.overdue for drive in drives),
         )
 
     def _bus_faults(self) -> tuple[BusFault, HardwareError | None]:

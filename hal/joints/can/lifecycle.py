@@ -67,6 +67,8 @@ def probe(joints: SocketCanJoints) -> None:
         raise _no_reply(joints, silent)
     for drive in joints.drives:
         _check_ranges(joints, drive)
+    if joints.state is DriveState.DISABLED:
+        _clear_faults(joints)
     joints.listen(lambda: False, 0.005)  # late answers to the second and third question
     joints.take_bus_fault()
 
@@ -77,6 +79,16 @@ def poll(joints: SocketCanJoints) -> None:
         question = joints.questions.get(drive.joint)
         if question is not None:
             question(joints, drive)
+
+
+def _clear_faults(joints: SocketCanJoints) -> None:
+    """After torque off: some firmware reports a fault until it is cleared. What has not gone is reported again.
+
+    Clearing neither powers nor moves a drive. At the first opening a fault is left to be seen.
+    """
+    faulted = [drive for drive in joints.drives if drive.faults and not drive.enabled]
+    _ask_once(joints, [drive for drive in faulted if drive.codec.order(drive.device.can_id, Order.CLEAR)], _by_clearing)
+    _ask_once(joints, faulted, _by_disabling)
 
 
 def enable(joints: SocketCanJoints) -> None:
@@ -119,6 +131,10 @@ def confirm_off(joints: SocketCanJoints, waiting: list[Drive]) -> list[Drive]:
 
 def _by_disabling(joints: SocketCanJoints, drive: Drive) -> None:
     joints.send(drive, drive.order(Order.DISABLE, time.monotonic_ns()))
+
+
+def _by_clearing(joints: SocketCanJoints, drive: Drive) -> None:
+    joints.send(drive, drive.order(Order.CLEAR, time.monotonic_ns()))
 
 
 def _by_enabling(joints: SocketCanJoints, drive: Drive) -> None:

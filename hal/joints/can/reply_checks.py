@@ -105,7 +105,7 @@ class RangeCheck:
         self._verdict = DriveFault.NONE
 
     def check(self, position_rad: float, velocity_rad_s: float, measured_ns: int) -> DriveFault:
-        """Take in one reply; WRONG_RANGE, for good, once the evidence is enough."""
+        """Take in one reply; WRONG_RANGE, from then on, once the evidence is enough."""
         last_velocity, last_ns = self._last
         elapsed_ns = measured_ns - last_ns
         if elapsed_ns <= 0:

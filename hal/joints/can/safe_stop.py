@@ -31,20 +31,40 @@ class SafeStop:
         pairs = list(zip(device.joints, models, strict=True))
         self._damp = [(joint.can_bus, [_damping(joint, model)]) for joint, model in pairs]
         self._exit = [(joint.can_bus, _off(joint, model)) for joint, model in pairs]
-        self._buses: list[can.BusABC] = []
+        self._buses: dict[int, can.BusABC] = {}
+        self._failed: set[int] = set()  # buses that could not be sent to, or read
         drives = [Drive(joint, part, model) for joint, (part, model) in zip(Joint, pairs, strict=True)]
         self._routers = [
             Router([drive for drive in drives if drive.device.can_bus == number]) for number in range(len(device.buses))
         ]
 
     def open(self) -> None:
-        """Open the bus sockets. Raises HardwareError with the command that brings the bus up."""
-        try:
-            for bus in self._device.buses:
-                self._buses.append(open_bus(bus))
-        except HardwareError:
-            self.close()
-            raise
+        """Open the sockets of the buses that are not open, or have failed.
+
+        Raises HardwareError with the command that brings the bus up, after trying the others: they are still needed.
+        """
+        errors = []
+        for number in self._failed & self._buses.keys():
+            self._buses.pop(number).shutdown()
+        self._failed.clear()
+        for number, bus in enumerate(self._device.buses):
+            try:
+                if number not in self._buses:
+                    self._buses[number] = open_bus(bus)
+            except HardwareError as error:
+                errors.append(error)
+        if errors:
+            raise errors[0]
+
+    @property
+    def failed(self) -> bool:
+        """Whether a bus has failed since it was opened: its adapter may be gone, and plugged in again as another."""
+        return bool(self._failed)
+
+    def look(self) -> None:
+        """Read a frame of each bus: that tells whether its socket still belongs to an adapter."""
+        for number in self._buses:
+            next(self._received(number, 1), None)
 
     def damp(self) -> bool:
         """Command pure damping; repeat it while control stays away, for drives that go limp on a timeout."""
@@ -60,37 +80,41 @@ class SafeStop:
         While nobody calls it the sockets fill with replies to control, so the first calls tell of the past.
         """
         joints: set[Joint] = set()
-        for router, bus in zip(self._routers, self._buses, strict=False):  # unopened it has none
-            senders = (router.sender(frame) for frame in _received(bus))
+        for number in self._buses:
+            senders = (self._routers[number].sender(frame) for frame in self._received(number, 256))
             joints.update(drive.joint for drive in senders if drive is not None)
         return frozenset(joints)
 
     def close(self) -> None:
         """Release the sockets; may be called twice."""
-        for bus in self._buses:
+        for bus in self._buses.values():
             bus.shutdown()
-        self._buses = []
+        self._buses = {}
+        self._failed.clear()
 
     def _send(self, frames: list[tuple[int, list[can.Message]]]) -> bool:
-        left = bool(self._buses)
+        left = True
         for number, messages in frames:
             for message in messages:
                 try:
                     self._buses[number].send(message, 0)
-                except (can.CanError, OSError, IndexError):
+                except KeyError:
                     left = False
+                except (can.CanError, OSError):
+                    left = False
+                    self._failed.add(number)
         return left
 
-
-def _received(bus: can.BusABC) -> Iterator[Frame]:
-    for _ in range(256):
-        try:
-            message = bus.recv(0)
-        except (can.CanError, OSError):
-            return
-        if message is None:
-            return
-        yield frame_of(message)
+    def _received(self, number: int, most: int) -> Iterator[Frame]:
+        for _ in range(most):
+            try:
+                message = self._buses[number].recv(0)
+            except (can.CanError, OSError):
+                self._failed.add(number)
+                return
+            if message is None:
+                return
+            yield frame_of(message)
 
 
 def _damping(joint: JointDevice, model: MotorModel) -> can.Message:

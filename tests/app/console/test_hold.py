@@ -9,7 +9,7 @@ from math import nan
 import msgspec
 import pytest
 
-from app.console.guidance import Light, next_step, results
+from app.console.guidance import Light, needs_torque_off, next_step, results
 from app.console.screens.checks import check_lines
 from app.console.state import SessionState
 from app.console.widgets.curves import Curves, draw_joints
@@ -170,6 +170,7 @@ def test_the_key_that_ends_the_guardians_damping_is_told_while_it_is_in_force() 
         (Event.DRIVE_FAULT, True, True),
         (Event.JOINT_TIMEOUT, False, True),
         (Event.JOINT_TIMEOUT, True, False),
+        (Event.BUS_FAULT, True, False),
         (Event.OVER_TEMPERATURE, True, False),
     ],
 )
@@ -184,6 +185,13 @@ def test_a_fault_that_stays_until_the_joints_are_off_names_the_way_there(
         assert (tr(text, **keys) in shown) is lasts
         assert (tr("hold.wait", **keys) in shown) is not lasts
         assert next_step(state)[0] == ("damped" if effect is Effect.DAMP else "drive_held" if lasts else "held")
+
+
+def test_joints_that_are_silent_with_their_bus_need_it_opened_anew() -> None:
+    raised = [event(cause, Effect.HOLD, detail="") for cause in (Event.JOINT_TIMEOUT, Event.BUS_FAULT)]
+    assert needs_torque_off(changed(effect=Effect.HOLD, enabled=True, events=tuple(raised)))
+    passed = msgspec.structs.replace(raised[1], present=False)
+    assert not needs_torque_off(changed(effect=Effect.HOLD, enabled=True, events=(raised[0], passed)))
 
 
 @pytest.mark.parametrize("watching", [True, False])

@@ -7,7 +7,6 @@ import os
 import pytest
 from msgspec.structs import replace
 
-from app.console.operator import ConsoleTrail
 from app.console.screens import session
 from app.console.screens.base import HandKeys
 from app.ipc.messages import PerceptionCommand
@@ -21,14 +20,6 @@ from testing.trails import write_sample
 from tests.app.console.conftest import Console, Opener
 
 RECORDED = Config(recording=RecordingConfig(on=True))
-
-
-@pytest.fixture
-def trail(monkeypatch: pytest.MonkeyPatch) -> list[Body]:
-    """What the console would put in the trail."""
-    found: list[Body] = []
-    monkeypatch.setattr(ConsoleTrail, "emit", lambda _, body: found.append(body))
-    return found
 
 
 def asked(opened: Console) -> list[bool]:

@@ -21,8 +21,8 @@ from app.system.paths import Home
 from logs.journal import OPERATORS
 from logs.read import records
 from logs.records import SignIn, SignInFailed
+from testing.authors import signed_in
 from tests.app.console.conftest import Console, Opener
-from tests.support.authors import signed_in
 
 pytestmark = pytest.mark.usefixtures("cheap_pins")
 PIN = "483920"
@@ -35,7 +35,7 @@ async def test_real_joints_need_a_sign_in_and_a_second_ctrl_c(console: Opener, h
     async with console(profile=None, config=config) as open_console:
         await _begin_as(open_console, "Ada", "000111")
         await open_console.shows("Name or PIN is wrong")
-        await _sign_in(open_console, "Ada", PIN)
+        await open_console.sign_in("Ada", PIN)
         await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
         assert open_console.app.operator == "Ada"
         await open_console.until(lambda: (state := open_console.app.live_state()) and state.snapshot)
@@ -64,7 +64,7 @@ async def test_a_reviewer_signs_in_by_key_and_changes_no_patient(console: Opener
         await open_console.shows("demo")
         await open_console.press("f4")
         await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
-        await _sign_in(open_console, "Rex", PIN)
+        await open_console.sign_in("Rex", PIN)
         await open_console.shows("Rex, reviewer")
         await open_console.press("n")
         await open_console.tells("may not create or change patients")
@@ -83,7 +83,7 @@ async def test_a_patient_is_changed_by_who_signs_in_for_it(console: Opener, home
         await open_console.shows("demo")
         await open_console.press("e")
         await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
-        await _sign_in(open_console, "Ben", PIN)
+        await open_console.sign_in("Ben", PIN)
         await open_console.until(lambda: isinstance(open_console.app.screen, PatientForm))
         assert open_console.app.operator == "Ben"
         await open_console.until(lambda: (field := open_console.app.focused) and field.id == "stature_m")
@@ -108,7 +108,7 @@ async def test_a_locked_console_opens_with_the_operators_pin_only(console: Opene
         assert isinstance(open_console.app.screen, SignInDialog)
         await open_console.press("space")
         await open_console.until(lambda: OperatorKind.STOP in open_console.host.kinds())
-        await _sign_in(open_console, "Ada", PIN)
+        await open_console.sign_in("Ada", PIN)
         await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
 
 
@@ -142,7 +142,7 @@ async def test_no_palette_opens_where_a_pin_is_asked_for(console: Opener, home: 
         await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
         await open_console.press("ctrl+p")
         assert isinstance(open_console.app.screen, SignInDialog)
-        await _sign_in(open_console, "Ada", PIN)
+        await open_console.sign_in("Ada", PIN)
         await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
         await open_console.press("ctrl+l", "ctrl+p")
         assert isinstance(open_console.app.screen, SignInDialog)
@@ -162,15 +162,15 @@ async def test_a_lock_outlasts_the_session_and_asks_for_the_same_pin(console: Op
         assert isinstance(app.screen, SignInDialog)
         await open_console.until(lambda: app.screen.query("#pin"))
         await open_console.press("escape")
-        await _sign_in(open_console, "Rex", PIN)
+        await open_console.sign_in("Rex", PIN)
         await open_console.shows("Ada locked")
-        await _sign_in(open_console, "Ada", PIN)
+        await open_console.sign_in("Ada", PIN)
         await open_console.until(lambda: isinstance(app.screen, AfterScreen))
         await open_console.press("ctrl+l")
         await app.close_session()  # as after saving, which takes seconds
         assert isinstance(app.screen, SignInDialog)
         await open_console.until(lambda: app.screen.query("#pin"))
-        await _sign_in(open_console, "Ada", PIN)
+        await open_console.sign_in("Ada", PIN)
         await open_console.until(lambda: isinstance(app.screen, PatientsScreen))
 
 
@@ -213,9 +213,9 @@ async def test_nobody_elses_pin_opens_a_locked_console_but_it_can_be_signed_out(
         await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
         await open_console.press("ctrl+l")
         await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
-        await _sign_in(open_console, "Rex", PIN)
+        await open_console.sign_in("Rex", PIN)
         await open_console.shows("Ada locked")
-        await _sign_in(open_console, "Ada", PIN)
+        await open_console.sign_in("Ada", PIN)
         await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
         await open_console.app.close_session()
         await open_console.press("ctrl+l")
@@ -273,7 +273,7 @@ async def test_a_console_that_is_locked_while_a_session_is_prepared_stays_locked
         await open_console.until(lambda: any(isinstance(screen, SessionScreen) for screen in app.screen_stack))
         assert [type(screen) for screen in app.screen_stack[-2:]] == [SessionScreen, SignInDialog]
         await open_console.until(lambda: app.screen.query("#pin"))
-        await _sign_in(open_console, "Ada", PIN)
+        await open_console.sign_in("Ada", PIN)
         await open_console.until(lambda: isinstance(app.screen, SessionScreen))
         await open_console.press("ctrl+l")
         assert isinstance(app.screen, SignInDialog), "the session can be locked again"
@@ -309,9 +309,9 @@ async def test_the_first_run_sets_up_its_engineer(console: Opener, home: Home) -
     async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
         await _choose_and_begin(open_console)
         await open_console.shows("set up the engineer")
-        await _sign_in(open_console, "Ada", "123456")
+        await open_console.sign_in("Ada", "123456")
         await open_console.shows("easily guessed")
-        await _sign_in(open_console, "Ada", PIN)
+        await open_console.sign_in("Ada", PIN)
         await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
         assert load_store(home.keys).find("ada")
 
@@ -326,11 +326,4 @@ async def _choose_and_begin(open_console: Console) -> None:
 async def _begin_as(open_console: Console, name: str, pin: str) -> None:
     await _choose_and_begin(open_console)
     await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
-    await _sign_in(open_console, name, pin)
-
-
-async def _sign_in(open_console: Console, name: str, pin: str) -> None:
-    open_console.type("name", name)
-    open_console.type("pin", pin)  # test_takeover types it key by key
-    open_console.app.screen.query_one("#pin").focus()
-    await open_console.press("enter")
+    await open_console.sign_in(name, pin)

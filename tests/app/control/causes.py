@@ -92,6 +92,14 @@ def lag(rad: float) -> Callable[[Rig], None]:
     return change
 
 
+def sink_in_silence(rig: Rig) -> None:
+    """A joint does not answer for a while, and then answers from elsewhere."""
+    rig.joints.silent = True
+    rig.tick(9)
+    rig.joints.silent = False
+    lag(0.15)(rig)
+
+
 def unlag(rig: Rig) -> None:
     """They follow again."""
     rig.joints.stuck = False
@@ -249,6 +257,7 @@ CAUSES: dict[Event, Cause] = {
     E.HOST_SUSPENDED: Cause(lambda rig: rig.spoil.update(boot_ns=rig.now_ns + 9_000_000_000)),
     E.CLOCK_JUMP: Cause(lambda rig: rig.spoil.update(wall_ns=rig.now_ns + 7_000_000_000)),
     E.JOINT_TIMEOUT: Cause(joints(silent=True), joints(silent=False), ticks=9),
+    E.JOINT_SANK: Cause(sink_in_silence, unlag),
     E.DRIVE_FAULT: Cause(joints(faults=fault(DriveFault.OVER_CURRENT)), joints(faults=CALM)),
     E.DRIVE_UNTRUSTED: Cause(joints(faults=fault(DriveFault.ENCODER)), joints(faults=CALM)),
     E.DRIVES_POWER_LOST: Cause(joints(state=DriveState.DISABLED)),

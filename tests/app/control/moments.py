@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from copy import deepcopy
 from functools import cache
+from typing import TypeVar
 
 from app.control.running_action import Stage
 from app.control.state import ControlState
@@ -11,9 +12,9 @@ from app.ipc.messages import OperatorKind
 from app.ipc.states import GESTURE_OF, Action, GaitState, Source
 from app.motion.follower import DAMPING_RAMP_S, HOLD_S
 from hal.joints.protocol import TICK_HZ, DriveState
-from logs import records
 from tests.app.control.rig import Rig
 
+B = TypeVar("B")
 S, A, K = GaitState, Action, OperatorKind
 RESTS = (S.UNPOWERED, S.STANDING, S.SITTING, S.RIGHT_FORWARD, S.LEFT_FORWARD, S.BETWEEN)
 GRANTED = {
@@ -51,7 +52,7 @@ def now(rig: Rig) -> ControlState:
     return rig.state
 
 
-def records_of(rig: Rig, kind: type[records.Body]) -> list[records.Body]:
+def records_of(rig: Rig, kind: type[B]) -> list[B]:
     """The trail's records of a kind."""
     return [body for body in rig.audit if isinstance(body, kind)]
 

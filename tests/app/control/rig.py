@@ -14,7 +14,7 @@ from app.control.state import ControlState
 from app.control.step import initial_state, step
 from app.ipc.messages import AuditHealth, GuardianHealth, OperatorCommand, OperatorKind, TriggerReport
 from app.ipc.states import Action
-from app.motion.follower import gains_of
+from app.motion.follower import gains_of, without_stiffness
 from app.motion.plan import Plan, PlanCheck, PlanRequest
 from hal.inputs.device import InputReadings
 from hal.inputs.reader import READ_S, InputReader
@@ -152,7 +152,7 @@ class Rig:
         self.history.append((self.state, self.outputs))
         self.audit.extend(self.outputs.audit)
         self._asked.extend((self.answer_ticks, plan_request) for plan_request in self.outputs.plan_requests)
-        self._write(self.outputs.command, inputs.feedback)
+        self._write(self.outputs, inputs.feedback)
         self._execute(self.outputs.drives)
 
     def _inputs(self) -> Inputs:
@@ -214,11 +214,14 @@ class Rig:
             return plan
         return msgspec.structs.replace(plan, check=PlanCheck(reason=reason_of(OSError(self.refuse_plans))))
 
-    def _write(self, command: JointCommand, feedback: JointFeedback) -> None:
+    def _write(self, outputs: Outputs, feedback: JointFeedback) -> None:
         powered = self.joints.state in {DriveState.ENABLED, DriveState.FAULTED}
-        self._refusal = self.guard.check(command, self._written if powered else None, feedback.position_rad)
+        previous = self._written if powered else None
+        if previous is not None:
+            previous = without_stiffness(previous, outputs.unheld)
+        self._refusal = self.guard.check(outputs.command, previous, feedback.position_rad)
         if self._refusal is None:
-            self._written = command
+            self._written = outputs.command
         assert self._written is not None
         self.joints.take(self._written)
 

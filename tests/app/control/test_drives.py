@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -61,6 +62,18 @@ def test_drives_commanded_off_are_off_at_once() -> None:
     before = joints.writes
     assert drives.close() is None
     assert joints.writes == before, "an orderly end has damped already: to do it again takes a third of a second"
+
+
+def test_only_joints_that_are_not_held_any_more_lose_their_stiffness_at_once() -> None:
+    _, drives = powered()
+    gains = gains_of(DEVICE, 1.0, 1.0)
+    stiff = dataclasses.replace(follower.NEUTRAL, stiffness_nm_rad=gains.stiffness_nm_rad)
+    damped = follower.start_damped(gains).command
+    for unheld in (frozenset[Joint](), frozenset({Joint.LEFT_HIP}), frozenset(Joint)):
+        drives.written = stiff
+        drives.write(damped, drives.read(4), 4, unheld)
+        assert (drives.refusal is None) is (unheld == frozenset(Joint))
+        assert drives.written.stiffness_nm_rad[Joint.LEFT_HIP] == 0 or not unheld
 
 
 def test_drives_left_powered_are_damped_before_they_are_let_go() -> None:

@@ -33,6 +33,7 @@ LIMITS = (
     (E.HOST_SUSPENDED, "clocks.slept_s", 0.1),
     (E.CLOCK_JUMP, "clocks.step_s", 0.5),
     (E.JOINT_TIMEOUT, "joints.age_ms", 15.0),
+    (E.JOINT_SANK, "joints.sunk_rad", 0.14),
     (E.FOLLOWING_WARNING, "joints.following_rad", 0.14),
     (E.FOLLOWING_LIMIT, "joints.following_rad", 0.26),
     (E.UNEXPECTED_MOTION, "joints.drift_rad_s", 0.6),

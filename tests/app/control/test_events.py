@@ -145,6 +145,7 @@ def test_before_the_drives_carry_power_nothing_waits_for_an_acknowledgement(even
         E.NEXT_STEP_MISSING,
         E.PAUSE_TOO_LONG,
         E.FAR_FROM_POSE,
+        E.JOINT_SANK,
         E.UNEXPECTED_MOTION,
         E.OVER_SPEED,
         E.OVER_TORQUE,

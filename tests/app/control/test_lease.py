@@ -12,9 +12,10 @@ from msgspec.structs import replace
 
 from app.control.inputs import Settings
 from app.control.requests import admits
-from app.control.step import END_HOLD_NS, UNATTENDED_DAMP_NS
+from app.control.step import END_HOLD_NS
 from app.ipc.messages import STOP_KINDS, OperatorCommand, OperatorKind
 from app.ipc.states import ConsoleChange, Effect, Event, GaitState
+from app.ipc.streams import DAMP_NS
 from app.motion.follower import Mode
 from hal.joints.protocol import DriveState
 from logs import records
@@ -46,7 +47,7 @@ def unattended_after(rig: Rig, limit_s: float) -> Settings:
 
 def notes(rig: Rig) -> list[str]:
     """Codes of control's notes."""
-    found = [one.text for one in records_of(rig, records.Note) if isinstance(one, records.Note)]
+    found = [one.text for one in records_of(rig, records.Note)]
     return [text.code for text in found if isinstance(text, Reason)]
 
 
@@ -168,8 +169,30 @@ def test_a_session_without_a_console_is_held_then_damped_for_long_and_switched_o
     ended_ns = rig.now_ns
     rig.run_until(lambda m: m.motion.fully_damped)
     rig.run_until(lambda _: rig.outputs is not None and rig.outputs.finished)
-    assert rig.now_ns - ended_ns >= END_HOLD_NS + UNATTENDED_DAMP_NS - TICK_NS
+    assert rig.now_ns - ended_ns >= END_HOLD_NS + DAMP_NS - TICK_NS
     assert drives(rig) is DriveState.DISABLED
+
+
+def test_a_console_that_control_could_not_hear_was_there() -> None:
+    rig = standing()
+    rig.settings = unattended_after(rig, 2.0)
+    rig.now_ns += 3_000_000_000
+    rig.spoil = {"late_ns": 3_000_000_000, "missed_ticks": 1500}
+    rig.tick(200)
+    assert now(rig).ending_ns == 0
+    rig.alive = False
+    rig.run_until(lambda m: m.unattended)
+
+
+def test_a_control_that_is_late_again_and_again_still_notices_that_nobody_came() -> None:
+    rig = standing()
+    rig.settings = unattended_after(rig, 2.0)
+    rig.alive = False
+    for _ in range(30):
+        rig.now_ns += 4_000_000
+        rig.spoil = {"late_ns": 4_000_000, "missed_ticks": 2}
+        rig.tick(40)
+    assert now(rig).unattended
 
 
 def test_a_console_in_time_keeps_the_session() -> None:

@@ -32,7 +32,7 @@ from app.system.legs_lock import claim_legs
 from app.system.paths import Home
 from hal.errors import HardwareError, StopInputFault
 from hal.inputs.device import InputDevice, InputRole
-from hal.joints.device import load_exoskeleton
+from hal.joints.device import JOINT_NAMES, load_exoskeleton
 from hal.joints.protocol import Joint
 from logs.read import records, session_paths
 from logs.reason import Reason
@@ -43,7 +43,6 @@ pytestmark = pytest.mark.serial
 
 EVERYBODY = ("control", "planner", "guardian", "audit")
 DEVICE = load_exoskeleton()
-ALL_JOINTS = tuple(joint.name.lower() for joint in Joint)
 EXIT = bytes.fromhex("FFFFFFFFFFFFFFFD")
 
 
@@ -292,7 +291,7 @@ def test_drives_that_do_not_answer_the_guardian_are_named(on_the_bus: tuple[Real
     drives.kill()
     drives.join()
     session.kill("guardian", signal.SIGCONT)
-    session.until(lambda _: session.guardian is not None and session.guardian.unanswered == ALL_JOINTS, "four joints")
+    session.until(lambda _: session.guardian is not None and session.guardian.unanswered == JOINT_NAMES, "four joints")
     session.finish()
     session.until_ended("session", *EVERYBODY)
     (path,) = session_paths(Home(session.setup.home).logs)
@@ -312,12 +311,13 @@ def test_a_control_that_was_frozen_comes_back_damped_and_may_continue_when_it_is
     stopped_ns = session.kill("control", signal.SIGSTOP)
     session.until(lambda _: session.guardian is not None and session.guardian.acted, "the guardian's act")
     assert any(gains(data)[0] == 0 for _, _, data in commands_after(sniffer, stopped_ns))
-    session.kill("control", signal.SIGCONT)
+    resumed_ns = session.kill("control", signal.SIGCONT)
     back = session.until(lambda s: s.effect is Effect.DAMP, "damping")
     assert Event.GUARDIAN_ACTED in {event.event for event in back.events}
     assert back.state in {GaitState.BETWEEN, GaitState.UNPOWERED}
     session.send(OperatorKind.TORQUE_OFF)
     session.until(lambda s: not s.enabled, "torque off")
+    assert not any(gains(data)[0] for _, _, data in commands_after(sniffer, resumed_ns)), "gripped while sunk"
     session.until(lambda _: session.guardian is not None and not session.guardian.acted, "the guardian's watch")
     session.send(OperatorKind.ACKNOWLEDGE)
     session.until(lambda s: Action.INITIALISE in s.allowed, "leave for gesture 0")

@@ -8,12 +8,15 @@ import pytest
 from app.control.events.table import LINGER_NS
 from app.control.inputs import DriveOrder
 from app.control.running_action import Stage
+from app.ipc.messages import GuardianHealth
 from app.ipc.states import ACTION_OF, Action, Effect, Event, Outcome, RequestRefusal, Source
 from app.motion.follower import Mode
+from hal.joints.device import Joint
 from hal.joints.protocol import BusFault, DriveFault, DriveState
 from kgdfa.gesture import Gesture
+from logs import records
 from logs.reason import reason, reason_of
-from tests.app.control.moments import HOLD_TICKS, A, K, S, moving, now, resting, standing
+from tests.app.control.moments import HOLD_TICKS, A, K, S, moving, now, records_of, resting, standing
 from tests.app.control.rig import TICK_NS, Rig
 
 
@@ -132,6 +135,98 @@ def test_a_stop_while_the_drives_wake_leaves_them_neutral() -> None:
     rig.send(K.TORQUE_OFF)
     rig.tick()
     assert rig.joints.state is DriveState.DISABLED
+
+
+def test_a_second_stop_damps_drives_that_a_stop_left_neutral() -> None:
+    rig = resting(S.UNPOWERED)
+    rig.send(K.ACT, A.INITIALISE)
+    rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.ENABLING)
+    rig.send(K.STOP)
+    rig.tick(5)
+    assert rig.command.damping_nm_s_rad.max() == 0
+    rig.send(K.STOP)
+    rig.tick(5)
+    assert np.array_equal(rig.command.damping_nm_s_rad, rig.settings.gains.damped_nm_s_rad)
+    assert rig.command.stiffness_nm_rad.max() == 0
+    rig.send(K.TORQUE_OFF)
+    rig.tick(2)
+    assert rig.joints.state is DriveState.DISABLED
+    assert now(rig).motion.mode is Mode.DISABLED
+
+
+def sunk(rig: Rig, *joints: Joint) -> None:
+    """These joints hang half a radian from where they are held, and do not follow."""
+    rig.joints.stuck = True
+    rig.joints.position_rad = rig.joints.position_rad + np.array([0.5 * (joint in joints) for joint in Joint])
+
+
+def test_a_control_that_the_guardian_has_stood_in_for_does_not_pull_the_legs_back() -> None:
+    rig = standing()
+    rig.tick()
+    missed = 750
+    rig.now_ns += missed * TICK_NS
+    sunk(rig, *Joint)
+    rig.guardian_health = {"acted": True}
+    health = GuardianHealth(at_ns=rig.now_ns, acted=True)
+    rig.spoil = {"late_ns": missed * TICK_NS, "missed_ticks": missed, "guardian": health}
+    for _ in range(400):
+        rig.tick()
+        assert rig.command.stiffness_nm_rad.max() == 0
+        assert rig.command.torque_nm.max() == 0
+    assert np.array_equal(rig.command.damping_nm_s_rad, rig.settings.gains.damped_nm_s_rad)
+    assert not records_of(rig, records.GuardRefusal)
+    assert now(rig).motion.fully_damped
+
+
+def test_the_guardians_word_ends_a_damping_ramp_that_runs() -> None:
+    rig = standing()
+    rig.send(K.STOP)
+    rig.send(K.STOP)
+    rig.tick(30)
+    assert rig.command.stiffness_nm_rad.min() > 0
+    rig.spoil = {"guardian": GuardianHealth(at_ns=rig.now_ns, acted=True)}
+    rig.tick()
+    assert rig.command.stiffness_nm_rad.max() == 0
+
+
+def test_a_control_that_was_late_by_itself_goes_on_holding() -> None:
+    rig = standing()
+    rig.now_ns += 750 * TICK_NS
+    rig.spoil = {"late_ns": 750 * TICK_NS, "missed_ticks": 750}
+    rig.tick()
+    assert now(rig).effect is Effect.HOLD
+    assert rig.command.stiffness_nm_rad.min() > 0
+
+
+def test_a_joint_that_sank_while_it_did_not_answer_is_not_pulled_back() -> None:
+    rig = standing()
+    rig.joints.silent = True
+    rig.tick(100)
+    assert now(rig).effect is Effect.HOLD
+    rig.joints.silent = False
+    sunk(rig, Joint.LEFT_HIP, Joint.LEFT_KNEE, Joint.RIGHT_HIP)
+    rig.tick()
+    assert now(rig).effect is Effect.DAMP
+    assert Event.JOINT_SANK.value in rig.events()
+    assert rig.command.stiffness_nm_rad.max() == 0
+    rig.tick(300)
+    assert now(rig).motion.fully_damped
+    assert not records_of(rig, records.GuardRefusal)
+
+
+def test_a_joint_that_is_where_it_was_when_it_answers_again_stays_held() -> None:
+    rig = standing()
+    rig.joints.silent = True
+    rig.tick(100)
+    rig.joints.silent = False
+    rig.tick(100)
+    assert rig.events() == {Event.JOINT_TIMEOUT.value}
+    assert rig.command.stiffness_nm_rad.min() > 0
+    rig.send(K.ACKNOWLEDGE)
+    rig.tick()
+    sunk(rig, Joint.LEFT_KNEE)
+    rig.tick()
+    assert now(rig).effect is Effect.HOLD, "too far behind, but it has not been silent"
 
 
 def test_legs_that_swing_after_a_stop_while_the_drives_woke_are_not_gripped() -> None:

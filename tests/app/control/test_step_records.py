@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import TypeVar
 
 import numpy as np
 import pytest
@@ -22,20 +21,13 @@ from hal.joints.protocol import DriveState, Joint
 from kgdfa.gesture import Gesture
 from logs import records
 from logs.reason import reason
-from tests.app.control.moments import DAMPING_TICKS, A, K, S, moving, now, records_of, standing
+from tests.app.control.moments import DAMPING_TICKS, A, B, K, S, moving, now, records_of, standing
 from tests.app.control.rig import TICK_NS, Rig
-
-B = TypeVar("B")
-
-
-def every(rig: Rig, kind: type[B]) -> list[B]:
-    """The trail's records of a kind."""
-    return [body for body in rig.audit if isinstance(body, kind)]
 
 
 def only(rig: Rig, kind: type[B]) -> B:
     """The one that there is."""
-    (body,) = every(rig, kind)
+    (body,) = records_of(rig, kind)
     return body
 
 
@@ -75,7 +67,7 @@ def test_an_event_that_is_over_reports_how_long_it_was_there() -> None:
     assert (raised.event, raised.effect) == (Event.CLOCK_JUMP.value, "note")
     raised_ns = rig.now_ns
     rig.run_until(lambda m: not m.events)
-    cleared = every(rig, records.EventCleared)[-1]
+    cleared = records_of(rig, records.EventCleared)[-1]
     assert (cleared.event, cleared.effect) == (Event.CLOCK_JUMP.value, "note")
     assert cleared.total is None, "the sum of what it compared means nothing"
     assert cleared.lasted_s == (rig.now_ns - raised_ns) / 1e9
@@ -150,7 +142,7 @@ def test_the_joint_that_is_unresponsive_is_named(joint: Joint) -> None:
         feedback.measured_ns[joint] = silent_since_ns
         rig.spoil["feedback"] = feedback
         rig.tick()
-    (raised,) = (body for body in every(rig, records.EventRaised) if body.event == Event.JOINT_TIMEOUT.value)
+    (raised,) = (body for body in records_of(rig, records.EventRaised) if body.event == Event.JOINT_TIMEOUT.value)
     assert raised.text == reason(Event.JOINT_TIMEOUT, detail=joint)
 
 
@@ -223,7 +215,6 @@ def test_the_moments_of_an_action_are_in_order_and_true() -> None:
     assert report.ended_ns == rig.now_ns
     assert report.tracking_rms_rad == pytest.approx(0.0, abs=1e-9)
     end = records_of(rig, records.ActionEnd)[-1]
-    assert isinstance(end, records.ActionEnd)
     assert (end.first_command_ns, end.outcome) == (first_ns, "completed")
 
 
@@ -232,7 +223,7 @@ def test_an_actions_end_holds_the_sessions_steps_and_distance_so_far() -> None:
     before = now(rig).steps
     for action in (A.STEP_RIGHT_FIRST, A.STEP_LEFT, A.STEP_RIGHT, A.STEP_END):
         rig.act(action)
-    ends = every(rig, records.ActionEnd)[-4:]
+    ends = records_of(rig, records.ActionEnd)[-4:]
     assert [end.steps - before for end in ends] == [1, 2, 3, 4]
     assert ends[-1].distance_m == now(rig).distance_walked_m
 
@@ -276,9 +267,7 @@ def test_every_change_of_state_stands_in_the_trail() -> None:
     rig = standing()
     for action in (A.STEP_RIGHT_FIRST, A.STEP_END, A.STAIR_UP, A.SIT_DOWN):
         rig.act(action)
-    states = [
-        (b.from_state, b.to_state) for b in records_of(rig, records.Transition) if isinstance(b, records.Transition)
-    ]
+    states = [(b.from_state, b.to_state) for b in records_of(rig, records.Transition)]
     assert states == [
         ("standing", "right leg forward"),
         ("right leg forward", "standing"),
@@ -294,14 +283,10 @@ def test_the_effect_and_the_streams_are_reported_when_they_change() -> None:
     rig.tick(140)
     rig.watching = True
     rig.tick(700)
-    effects = [
-        (b.from_effect, b.to_effect)
-        for b in records_of(rig, records.EffectChanged)
-        if isinstance(b, records.EffectChanged)
-    ]
+    effects = [(b.from_effect, b.to_effect) for b in records_of(rig, records.EffectChanged)]
     assert effects == [("note", "refuse"), ("refuse", "note")]
-    lost = [b.stream for b in records_of(rig, records.HeartbeatLost) if isinstance(b, records.HeartbeatLost)]
-    found = [b.stream for b in records_of(rig, records.HeartbeatFound) if isinstance(b, records.HeartbeatFound)]
+    lost = [b.stream for b in records_of(rig, records.HeartbeatLost)]
+    found = [b.stream for b in records_of(rig, records.HeartbeatFound)]
     assert lost == found == ["trigger"]
 
 
@@ -316,7 +301,6 @@ def test_a_guard_refusal_holds_the_legs_with_the_last_command_that_passed() -> N
     assert now(rig).motion.mode is Mode.HOLDING
     refusals = records_of(rig, records.GuardRefusal)
     assert len(refusals) == 1, "once it is held, nothing is refused any more"
-    assert isinstance(refusals[0], records.GuardRefusal)
     assert refusals[0].value is None
     assert refusals[0].limit is None
 
@@ -326,7 +310,7 @@ def test_a_clock_step_is_reported() -> None:
     rig.tick(20)
     rig.spoil["wall_ns"] = rig.now_ns + 9_000_000_000
     rig.tick(20)
-    steps = [b.step_s for b in records_of(rig, records.ClockStep) if isinstance(b, records.ClockStep)]
+    steps = [b.step_s for b in records_of(rig, records.ClockStep)]
     assert steps == [pytest.approx(4.0, abs=0.01), pytest.approx(-4.0, abs=0.01)], "forth, and back"
 
 
@@ -349,7 +333,7 @@ def test_an_event_records_the_value_and_the_limit_that_it_compared() -> None:
     rig.audit.clear()
     rig.spoil["late_ns"] = 55_000_000
     rig.tick()
-    by_event = {body.event: body for body in every(rig, records.EventRaised)}
+    by_event = {body.event: body for body in records_of(rig, records.EventRaised)}
     stalled = by_event[Event.CONTROL_STALLED.value]
     assert (stalled.quantity, stalled.value, stalled.limit) == ("late_ms", 55.0, 50.0)
     assert stalled.raised_ns == rig.now_ns
@@ -362,7 +346,7 @@ def test_an_event_of_a_joint_records_the_joint_that_exceeds_most_with_its_limit(
     feedback.velocity_rad_s[:] = (8.0, 9.0, 0.0, 0.0)
     rig.spoil["feedback"] = feedback
     rig.tick()
-    (raised,) = (body for body in every(rig, records.EventRaised) if body.event == Event.OVER_SPEED.value)
+    (raised,) = (body for body in records_of(rig, records.EventRaised) if body.event == Event.OVER_SPEED.value)
     limits = SPEED_MARGIN * rig.settings.limits.speed_rad_s
     worst = int(np.argmax(np.array((8.0, 9.0, 0.0, 0.0)) - limits))
     assert (raised.quantity, raised.joint) == ("speed_rad_s", Joint(worst).name.lower())
@@ -375,9 +359,9 @@ def test_a_refusal_names_the_event_with_its_numbers_and_the_gesture_with_its_mom
     rig.tick()
     rig.report = {"released_recognised_ns": 77}
     rig.release(Gesture.FIVE)
-    rig.run_until(lambda _: bool(every(rig, records.Refusal)))
+    rig.run_until(lambda _: bool(records_of(rig, records.Refusal)))
     body = only(rig, records.Refusal)
-    (raised,) = (one for one in every(rig, records.EventRaised) if one.event == Event.CONTROL_STALLED.value)
+    (raised,) = (one for one in records_of(rig, records.EventRaised) if one.event == Event.CONTROL_STALLED.value)
     assert (body.event, body.raised_ns) == (raised.event, raised.raised_ns)
     assert (body.quantity, body.value, body.limit) == ("late_ms", 55.0, 50.0)
     assert (body.recognised_ns, body.refused_ns) == (77, rig.now_ns)
@@ -389,7 +373,7 @@ def test_stop_is_recorded_with_its_first_joint_command() -> None:
     rig.audit.clear()
     rig.send(K.STOP)
     rig.tick()
-    assert every(rig, records.Stop) == []
+    assert records_of(rig, records.Stop) == []
     seen_ns = rig.now_ns
     rig.tick()
     body = only(rig, records.Stop)
@@ -399,8 +383,8 @@ def test_stop_is_recorded_with_its_first_joint_command() -> None:
 
 def test_a_plan_names_the_action_that_it_is_for() -> None:
     rig = moving()
-    numbers = {body.number for body in every(rig, records.Command)}
-    assert {body.command for body in every(rig, records.PlanChecked)} == numbers
+    numbers = {body.number for body in records_of(rig, records.Command)}
+    assert {body.command for body in records_of(rig, records.PlanChecked)} == numbers
 
 
 def test_while_recognition_starts_no_camera_is_called_stale() -> None:

@@ -33,7 +33,6 @@ def test_at_rest_the_table_and_the_arming_decide(state: GaitState, action: Actio
     assert len(commands) == wanted
     if wanted:
         command = commands[0]
-        assert isinstance(command, records.Command)
         assert command.source == source.value
         assert command.gesture == (GESTURE_OF[action].value if source is Source.GESTURE else None)
         if action is A.WALK:

@@ -32,7 +32,6 @@ def test_in_no_state_does_it_command_and_it_is_refused_once(state: GaitState, ge
     assert now(rig).refusal == reason(RequestRefusal.NOT_IN_VOCABULARY, gesture=gesture)
     assert now(rig).refusal_count == before + 1
     (refusal,) = records_of(rig, records.Refusal)
-    assert isinstance(refusal, records.Refusal)
     assert (refusal.gesture, refusal.action) == (gesture.value, ACTION_OF[gesture].value)
     assert refusal.reason == now(rig).refusal
 

@@ -138,7 +138,7 @@ def test_each_role_has_its_event_which_names_the_input_and_the_trail_records_it(
     assert raised.detail["input"] == "pendant"
     switch.contact = Contact.CLOSED
     rig.tick(40)
-    found = [(one.name, one.role, one.contact) for one in records_of(rig, records.StopInput)]  # type: ignore[union-attr]
+    found = [(one.name, one.role, one.contact) for one in records_of(rig, records.StopInput)]
     assert found == [("pendant", role.value, "open"), ("pendant", role.value, "closed")]
 
 
@@ -170,8 +170,8 @@ def test_a_reader_that_a_busy_host_lets_wait_pauses_a_movement_which_goes_on_by_
     rig.run_until(lambda m: m.running is None)
     assert now(rig).gait.state is S.RIGHT_FORWARD
     (paused,) = records_of(rig, records.Pause)
-    assert paused.cause == "stop-inputs-late"  # type: ignore[union-attr]
-    assert paused.resumed  # type: ignore[union-attr]
+    assert paused.cause == "stop-inputs-late"
+    assert paused.resumed
 
 
 def test_a_tick_that_is_late_is_not_the_readers_silence() -> None:

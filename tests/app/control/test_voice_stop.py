@@ -15,7 +15,7 @@ from tests.app.control.test_step_stop import MOVEMENTS
 
 def stops(rig: Rig) -> list[tuple[str, str]]:
     """Source and effect of each STOP on record."""
-    return [(one.by, one.effect) for one in records_of(rig, records.Stop) if isinstance(one, records.Stop)]
+    return [(one.by, one.effect) for one in records_of(rig, records.Stop)]
 
 
 @pytest.mark.parametrize(("state", "action"), MOVEMENTS)

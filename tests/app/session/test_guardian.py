@@ -2,10 +2,29 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import can
 import pytest
 
-from app.ipc.messages import Heartbeat
-from app.session.guardian import DAMP_NS, ENDING_DAMP_NS, OFF_NS, GuardianAction, GuardianState, check_heartbeat
+from app.ipc.links import new_link_directory
+from app.ipc.messages import GuardianHealth, Heartbeat
+from app.ipc.streams import DAMP_NS
+from app.session.guardian import (
+    ENDING_DAMP_NS,
+    OFF_NS,
+    RETRY_NS,
+    Guardian,
+    GuardianAction,
+    GuardianState,
+    check_heartbeat,
+)
+from app.system.config import Config, JointsConfig, SessionSetup
+from hal.errors import CanFault, HardwareError
+from profiles.schema import DEMO_PATIENT
 
 MS = 1_000_000
 CHECK = 4 * MS
@@ -110,3 +129,126 @@ def test_an_older_beat_received_again_makes_nobody_silent_or_alive() -> None:
         if now_ns <= 1_000 * MS:
             assert state.action is GuardianAction.MONITOR
     assert state.action is not GuardianAction.MONITOR
+
+
+class Adapter(can.BusABC):
+    """A bus whose adapter may be pulled out; what is plugged in again is another one."""
+
+    def __init__(self) -> None:
+        super().__init__(channel=0)
+        self.plugged = True
+        self.sent = 0
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:
+        self._touch()
+        self.sent += 1
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        self._touch()
+        return None, False
+
+    def _touch(self) -> None:
+        if not self.plugged:
+            raise can.CanOperationError("no such device", 19)
+
+
+@dataclass
+class Watch:
+    """A guardian whose checks, heartbeats and adapters are the test's."""
+
+    adapters: list[Adapter] = field(default_factory=list)
+    there: bool = True  # an adapter is plugged in
+    health: list[GuardianHealth] = field(default_factory=list)
+    beat: Heartbeat | None = None
+    now_ns: int = 1_000 * MS
+
+    def open_bus(self, _: object) -> Adapter:
+        if not self.there:
+            raise HardwareError(CanFault.NO_INTERFACE, bus="can0", command="")
+        self.adapters.append(Adapter())
+        return self.adapters[-1]
+
+    def pull_out(self) -> None:
+        self.there = self.adapters[-1].plugged = False
+
+    def receive(self) -> Heartbeat | None:
+        beat, self.beat = self.beat, None
+        return beat
+
+    def check(self, guardian: Guardian, for_ns: int, *, enabled: bool | None = True) -> None:
+        """Checks for so long, each with a heartbeat; None: without."""
+        for _ in range(for_ns // CHECK):
+            self.now_ns += CHECK
+            if enabled is not None:
+                self.beat = Heartbeat(at_ns=self.now_ns, enabled=enabled)
+            guardian.check(self.now_ns)
+
+
+@pytest.fixture
+def watch() -> Watch:
+    return Watch()
+
+
+@pytest.fixture
+def guardian(watch: Watch, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Guardian:
+    def nothing(*_: Any) -> None:
+        pass
+
+    link = SimpleNamespace(receive=watch.receive, send=watch.health.append, foreign_peers=lambda: 0, emit=nothing)
+    for name in ("AuditSink", "LatestReceiver", "Publisher"):
+        monkeypatch.setattr(f"app.session.guardian.{name}", lambda *_: link)
+    for name in ("set_scheduling", "avoid_control_core"):
+        monkeypatch.setattr(f"app.session.guardian.{name}", nothing)
+    monkeypatch.setattr("hal.joints.can.safe_stop.open_bus", watch.open_bus)
+    config = Config(joints=JointsConfig(kind="can"))
+    links = new_link_directory(tmp_path)
+    return Guardian(
+        SessionSetup(session="s", home=tmp_path, links=links, config=config, profile=DEMO_PATIENT, operator="")
+    )
+
+
+def test_after_torque_off_the_guardian_opens_its_bus_anew(guardian: Guardian, watch: Watch) -> None:
+    watch.check(guardian, RETRY_NS)
+    assert len(watch.adapters) == 1
+    watch.check(guardian, 2 * CHECK, enabled=False)
+    assert len(watch.adapters) == 2
+    assert not any(one.fault for one in watch.health)
+    watch.check(guardian, RETRY_NS, enabled=False)
+    watch.check(guardian, RETRY_NS)
+    assert len(watch.adapters) == 2
+
+
+@pytest.mark.parametrize("plug_in_again", [True, False])
+def test_a_bus_that_is_gone_is_reported_until_it_is_there_again(
+    guardian: Guardian, watch: Watch, plug_in_again: bool
+) -> None:
+    watch.check(guardian, RETRY_NS)
+    watch.pull_out()
+    watch.check(guardian, 2 * RETRY_NS)
+    assert watch.health[-1].fault is not None
+    watch.there = plug_in_again
+    watch.check(guardian, 2 * RETRY_NS)
+    assert (watch.health[-1].fault is None) is plug_in_again
+    watch.check(guardian, 200 * MS, enabled=None)
+    assert watch.health[-1].acted
+    assert (watch.adapters[-1].sent > 0) is plug_in_again
+
+
+def test_a_bus_that_fails_while_the_guardian_damps_is_opened_again(guardian: Guardian, watch: Watch) -> None:
+    watch.check(guardian, RETRY_NS)
+    watch.check(guardian, 200 * MS, enabled=None)
+    watch.adapters[0].plugged = False
+    watch.check(guardian, 2 * RETRY_NS, enabled=None)
+    assert watch.adapters[-1].sent > 0
+    assert len(watch.adapters) == 2
+
+
+def test_that_it_acts_is_said_at_once(guardian: Guardian, watch: Watch) -> None:
+    watch.check(guardian, RETRY_NS)
+    while not watch.health[-1].acted:
+        assert watch.now_ns < 10_000 * MS
+        before = len(watch.health)
+        watch.check(guardian, CHECK, enabled=None)
+    assert watch.health[-1].at_ns == watch.now_ns
+    assert watch.now_ns - 1_000 * MS - RETRY_NS < 80 * MS
+    assert len(watch.health) == before + 1

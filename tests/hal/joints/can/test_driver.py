@@ -13,11 +13,21 @@ from hal.errors import CanFault, DrivesFault
 from hal.joints.can.bus import CAN_ERR_LOSTARB
 from hal.joints.can.drive import Drive
 from hal.joints.can.driver import SocketCanJoints
-from hal.joints.codecs.wire import Frame, WireQuantity
+from hal.joints.codecs.wire import Frame, Order, SetPoint, WireQuantity
 from hal.joints.device import Exoskeleton, load_exoskeleton
 from hal.joints.emulator.firmware import EmulatedDrive, Fault
 from hal.joints.protocol import BusFault, DriveFault, DriveState, Joint, JointFeedback
-from tests.support.can_rig import LOOKS, CanRig, MakeRig, command, each_joint, on_test_bus, until, with_motor
+from tests.support.can_rig import (
+    LOOKS,
+    CanRig,
+    MakeRig,
+    command,
+    each_joint,
+    on_test_bus,
+    small_gear,
+    until,
+    with_motor,
+)
 from tests.support.errors import refused
 
 HOLD = command(0.1, stiffness=150.0)
@@ -101,7 +111,7 @@ def test_an_unresponsive_joint_grows_old_while_the_others_stay_fresh(rig: CanRig
     rig.emulator.inject(Fault.SILENT, KNEE)
     others = [joint for joint in Joint if joint is not KNEE]
     rig.until(lambda now: (now.measured_ns[others] - now.measured_ns[KNEE] > 50e6).all(), HOLD)
-    rig.until(lambda now: now.missed_replies > 0, HOLD)
+    rig.until(lambda _: drive_of(rig).requests.overdue, HOLD)
 
 
 @pytest.mark.parametrize(
@@ -345,6 +355,59 @@ def test_a_fault_present_at_opening_forbids_enabling(make_rig: MakeRig) -> None:
     rig.joints.open(rig.now_ns())
     with refused(DrivesFault.FAULT_BEFORE_ENABLING, joint=KNEE, faults=(DriveFault.ENCODER,)):
         rig.joints.enable(rig.now_ns())
+
+
+@pytest.mark.parametrize(
+    ("device", "code"),
+    [(lambda: with_motor("DM10010/default"), 9), (lambda: small_gear("CyberGear/manual"), 1)],
+    ids=["Damiao", "CyberGear"],
+)
+def test_a_fault_that_stays_until_it_is_cleared_is_cleared_after_torque_off(
+    make_rig: MakeRig, device: Callable[[], Exoskeleton], code: int
+) -> None:
+    rig = make_rig(device())
+    rig.emulator.inject(Fault.ERROR, KNEE, code)
+    rig.joints.open(rig.now_ns())
+    with refused(DrivesFault.FAULT_BEFORE_ENABLING, joint=KNEE, faults=(DriveFault.UNDER_VOLTAGE,)):
+        rig.joints.enable(rig.now_ns())
+    rig.joints.close(rig.now_ns())
+    rig.joints.open(rig.now_ns())
+    assert not any(drive.motor_mode for drive in rig.emulator.drives)
+    rig.joints.enable(rig.now_ns())
+    assert rig.tick(HOLD).state is DriveState.ENABLED
+
+
+def test_a_fault_that_clearing_does_not_end_is_refused_again(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = make_rig(with_motor("DM10010/default"))
+    knee = rig.emulator.drives[KNEE]
+    execute = knee._execute
+
+    def faulty(asked: SetPoint | Order) -> None:
+        execute(asked)
+        knee.fail(9)
+
+    monkeypatch.setattr(knee, "_execute", faulty)
+    rig.joints.open(rig.now_ns())
+    rig.joints.close(rig.now_ns())
+    rig.joints.open(rig.now_ns())
+    with refused(DrivesFault.FAULT_BEFORE_ENABLING, joint=KNEE, faults=(DriveFault.UNDER_VOLTAGE,)):
+        rig.joints.enable(rig.now_ns())
+
+
+def test_a_wrong_range_that_was_mended_is_measured_anew_after_torque_off(make_rig: MakeRig) -> None:
+    rig = make_rig(with_motor("AK80-64/V2"))
+    rig.joints.open(rig.now_ns())
+    drive = drive_of(rig)
+    for number in range(1, 600):
+        drive.range_check.check(number * 0.004, 0.9, number * 2_000_000)
+    drive.latched = drive.faults = DriveFault.WRONG_RANGE
+    rig.joints.close(rig.now_ns())
+    rig.joints.open(rig.now_ns())
+    assert drive.faults is DriveFault.NONE
+    rig.joints.enable(rig.now_ns())
+    assert rig.tick(HOLD).state is DriveState.ENABLED
 
 
 def test_a_drive_that_does_not_confirm_its_end_is_reported_by_closing(rig: CanRig) -> None:
