@@ -25,6 +25,7 @@ if TYPE_CHECKING:  # the state holds events, whose rows read the diagnostics
     from app.control.state import ControlState, Tick
 
 JOINT_TIMEOUT_MS = 15.0  # with a tick and its margin the effect comes within 20 ms
+FOLLOWING_WARN_RAD = 0.14  # 8°, four times the tracking that the plans are checked for
 RANGE_MARGIN_RAD = radians(2.0)  # of the measured angle over the device's range: encoder noise and a soft stop
 SPEED_MARGIN = 1.1
 TORQUE_MARGIN = 1.05
@@ -101,6 +102,13 @@ class ClockDiagnostics(Struct, frozen=True, kw_only=True):
     step_s: float = 0.0
 
 
+class LastAnswer(Struct, frozen=True, kw_only=True):
+    """Where a joint was when it answered last, and how far from its target."""
+
+    position_rad: float
+    behind_rad: float
+
+
 class JointDiagnostics(Struct, frozen=True, kw_only=True):
     """What joints, drives and bus report; errors are 0 where nothing is held that could err."""
 
@@ -112,7 +120,8 @@ class JointDiagnostics(Struct, frozen=True, kw_only=True):
     drive_detail: HardwareError | None = None
     silent_joint: Joint | None = None
     silent: frozenset[Joint] = frozenset()  # without an answer in time
-    sunk_rad: float = 0.0  # of the joints that were silent and answer again
+    sunk_rad: float = 0.0  # the most of a joint that answers again, since its last answer before
+    sunk: frozenset[Joint] = frozenset()  # those that have sunk too far meanwhile
     drive_error: Reason | None = None
     bus: BusFault = BusFault.NONE
     hottest_c: float = nan
@@ -224,6 +233,7 @@ def _joints(inputs: Inputs, state: ControlState, settings: Settings) -> JointDia
     due_ns = now_ns - streams.own_delay_ns - JOINT_TIMEOUT_MS * NS_PER_MS
     answering = oldest_ns >= due_ns or not streams.powered  # without power they are asked less often
     silent = frozenset() if answering else frozenset(one for one in Joint if measured_ns[one] < due_ns)
+    sunk_rad = _sunk_rad(state, feedback, silent)
     return JointDiagnostics(
         answering=oldest_ns > 0,
         age_ms=_age_ms(now_ns - streams.own_delay_ns, oldest_ns),
@@ -233,7 +243,8 @@ def _joints(inputs: Inputs, state: ControlState, settings: Settings) -> JointDia
         drive_detail=feedback.detail,
         silent_joint=_silent_joint(measured_ns, oldest_ns),
         silent=silent,
-        sunk_rad=_following_rad(motion, feedback, state.silenced - silent) if state.silenced else 0.0,
+        sunk_rad=max(sunk_rad.values(), default=0.0),
+        sunk=frozenset(joint for joint, angle_rad in sunk_rad.items() if angle_rad > FOLLOWING_WARN_RAD),
         drive_error=inputs.drive_error,
         bus=feedback.bus,
         hottest_c=max([value for value in temperatures_c if not isnan(value)], default=nan),
@@ -288,12 +299,35 @@ def _beyond_range(values: list[float], settings: Settings) -> bool:
     )
 
 
-def _following_rad(motion: Motion, feedback: JointFeedback, joints: Iterable[Joint] = Joint) -> float:
-    """The largest distance of one of these joints, while stiff, from its target."""
+def _following_rad(motion: Motion, feedback: JointFeedback) -> float:
+    """The largest distance of a stiff joint from its target."""
     if motion.mode not in {Mode.HOLDING, Mode.MOVING}:
         return 0.0
-    behind_rad = np.abs(motion.command.position_rad - feedback.position_rad).tolist()
-    return max((float(behind_rad[joint]) for joint in joints), default=0.0)
+    return float(np.abs(motion.command.position_rad - feedback.position_rad).max())
+
+
+def last_answer(motion: Motion, feedback: JointFeedback, joint: Joint) -> LastAnswer:
+    """Of a joint that has just become silent."""
+    position_rad = float(feedback.position_rad[joint])
+    return LastAnswer(
+        position_rad=position_rad, behind_rad=abs(float(motion.command.position_rad[joint]) - position_rad)
+    )
+
+
+def _sunk_rad(state: ControlState, feedback: JointFeedback, silent: frozenset[Joint]) -> dict[Joint, float]:
+    """How far joints that answer again have both moved, and come away from their targets, since they last answered.
+
+    One that leaned against its target before, or stopped short of a target that went on, has not sunk.
+    """
+    sunk_rad: dict[Joint, float] = {}
+    if state.motion.mode is Mode.DISABLED:
+        return sunk_rad
+    for joint, before in state.silenced.items():
+        if joint not in silent:
+            now = last_answer(state.motion, feedback, joint)
+            moved_rad = abs(now.position_rad - before.position_rad)
+            sunk_rad[joint] = min(now.behind_rad - before.behind_rad, moved_rad)
+    return sunk_rad
 
 
 def _pose_error_rad(state: ControlState, feedback: JointFeedback, settings: Settings) -> float:

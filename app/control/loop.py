@@ -165,7 +165,9 @@ class Control:
         if self._state is None:
             return False
         guardian, resumed_ns = self._state.streams.guardian, self._state.streams.resumed_ns
-        return resumed_ns > 0 and (guardian is None or guardian.at_ns < resumed_ns)
+        if time.monotonic_ns() - resumed_ns > streams.GUARDIAN.stale_ms * streams.NS_PER_MS:
+            return False  # it does not report any more, as *guardian-timeout* says
+        return guardian is None or guardian.at_ns < resumed_ns
 
     def _publish(self, state: ControlState, inputs: Inputs, outputs: Outputs) -> None:
         self._links.send_plan_requests(outputs.plan_requests)

@@ -8,6 +8,7 @@ from typing import Any
 from msgspec import Struct
 from msgspec.structs import replace
 
+from app.control.diagnostics import LastAnswer
 from app.control.events.table import RaisedEvents, effect_of
 from app.control.gait.machine import Change, Gait, changed
 from app.control.inputs import ActionRequest, DriveOrder, Inputs, Outputs, Settings, StreamState
@@ -42,7 +43,8 @@ class ControlState(Struct, frozen=True, kw_only=True):
     gait: Gait = Gait()
     motion: Motion = Motion()
     events: RaisedEvents = ()
-    silenced: frozenset[Joint] = frozenset()  # did not answer in time; until that is acknowledged
+    silenced: dict[Joint, LastAnswer] = {}  # those that do not answer in time
+    sunk: frozenset[Joint] = frozenset()  # while they did not answer; until that is acknowledged
     stop_inputs: StopInputStates = ()
     running: RunningAction | None = None
     armed_ns: int = 0  # since when; 0: not armed

@@ -9,7 +9,13 @@ from math import isfinite
 
 from msgspec.structs import replace
 
-from app.control.diagnostics import PlanningDiagnostics, SessionDiagnostics, collect_diagnostics
+from app.control.diagnostics import (
+    JointDiagnostics,
+    PlanningDiagnostics,
+    SessionDiagnostics,
+    collect_diagnostics,
+    last_answer,
+)
 from app.control.events.programs import CLOCK_STEP_S
 from app.control.events.table import ROW, RaisedEvent, RaisedEvents, advance, compared_fields, displaced, walk_ender
 from app.control.executor import (
@@ -121,9 +127,7 @@ def _update_events(tick: Tick) -> None:
     before = tick.state.events
     diagnostics = collect_diagnostics(tick, _session(tick), _planning(tick))
     after = advance(before, diagnostics, tick.acknowledged_ns)
-    if diagnostics.joints.silent or tick.state.silenced:
-        lasts = any(one.event is Event.JOINT_TIMEOUT and one.in_force for one in after)
-        tick.update(silenced=tick.state.silenced | diagnostics.joints.silent if lasts else frozenset())
+    _note_silence(tick, diagnostics.joints, any(one.event is Event.JOINT_SANK and one.in_force for one in after))
     if after is not before:
         effect_before = tick.state.effect
         tick.update(events=after)
@@ -138,6 +142,19 @@ def _update_events(tick: Tick) -> None:
             )
     if abs(diagnostics.clocks.step_s) > CLOCK_STEP_S:
         tick.audit.append(records.ClockStep(step_s=diagnostics.clocks.step_s))
+
+
+def _note_silence(tick: Tick, joints: JointDiagnostics, sank: bool) -> None:
+    """Keep where joints were before they fell silent, and which have sunk meanwhile."""
+    state = tick.state
+    if joints.silent or state.silenced or state.sunk:
+        tick.update(
+            silenced={
+                joint: state.silenced.get(joint) or last_answer(state.motion, tick.inputs.feedback, joint)
+                for joint in joints.silent
+            },
+            sunk=state.sunk | joints.sunk if sank else frozenset(),
+        )
 
 
 def _apply_effect(tick: Tick) -> None:
@@ -171,7 +188,7 @@ def _unheld(state: ControlState) -> frozenset[Joint]:
     in_force = {one.event for one in state.events if one.in_force}
     if Event.GUARDIAN_ACTED in in_force:
         return frozenset(Joint)
-    return state.silenced if Event.JOINT_SANK in in_force else frozenset()
+    return state.sunk
 
 
 def _interrupt(tick: Tick) -> None:

@@ -87,8 +87,6 @@ def make_pipeline(
     )
     rules: RuleSet = RULES[config.rules]()
     mode = ButtonMode(config.button.mode)
-    # Always robust: the published reading takes a hole for a hand at the lens, which is for the evaluations only.
-    depth = DepthRange(mode="robust") if frame.depth_m is not None else None
     pipeline = Pipeline(
         detector=detector,
         rules=rules,
@@ -96,7 +94,8 @@ def make_pipeline(
         place=place,
         mode=mode,
         prepare=AsNeeded(),
-        depth_finder=depth,
+        # Robust: the published reading takes a hole for a hand at the lens, which is for the evaluations only.
+        depth_finder=DepthRange(mode="robust"),  # this first frame may lack depth that others have
         choice=choice_of(setup),
         enrolment=enrolment_of(setup),
         follow=detector.follow,

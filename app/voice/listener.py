@@ -15,7 +15,7 @@ from typing import Protocol
 import msgspec
 
 from app.voice.signals import Signal
-from app.voice.spotter import KeywordSpotter
+from app.voice.spotter import KeywordSpotter, require_spotter
 from hal.errors import HardwareError, MicrophoneFault
 from hal.microphone import BLOCK_SAMPLES, RATE_HZ, Microphone, VoiceConfig, make_microphone
 
@@ -30,10 +30,13 @@ class Spotter(Protocol):
         """Whether it has ended in these samples."""
 
 
-def listen(microphone: Microphone, spotter: Spotter, report: Callable[[Signal], object]) -> HardwareError:
+def listen(
+    microphone: Microphone, make_spotter: Callable[[], Spotter], report: Callable[[Signal], object]
+) -> HardwareError:
     """Report what is heard, block by block, until the microphone is gone; the error that ended it."""
     try:
         microphone.open()
+        spotter = make_spotter()  # it loads for a while, for nothing where there is no microphone
         while True:
             samples = microphone.read()
             report(Signal.LISTENS if any(samples) else Signal.NO_SOUND)
@@ -67,7 +70,8 @@ def main() -> None:
 
     microphone = make_microphone(voice, lambda: time.sleep(BLOCK_SAMPLES / RATE_HZ))
     try:
-        ended = listen(microphone, KeywordSpotter(), report)
+        require_spotter()  # what is not installed is said before what is not plugged in
+        ended = listen(microphone, KeywordSpotter, report)
     except HardwareError as error:
         ended = error
     report(signal_of(ended))

@@ -86,12 +86,14 @@ class PlaybackCamera:
         frame = self._next
         if frame is None:
             raise EndOfRecording
-        limit_ns = time.monotonic_ns() + round(timeout_s * 1e9)  # for skipping, where decoding is slower than the video
         if self._paced and not _wait_until(self._due_ns(frame), timeout_s):
             return None
         self._next = next(self._pending, None)
-        while self._paced and self._next is not None and self._due_ns(self._next) <= time.monotonic_ns() < limit_ns:
+        while self._paced and self._next is not None and self._due_ns(self._next) <= (now_ns := time.monotonic_ns()):
+            period_ns = self._next.offset_ns - frame.offset_ns
             frame, self._next = self._next, next(self._pending, None)
+            if time.monotonic_ns() - now_ns > period_ns:
+                break  # decoding alone is slower than the video: skipping gains nothing
         height, width = frame.image_bgr.shape[:2]
         check_size(self._intrinsics, width, height, self.name)
         self._sequence += 1

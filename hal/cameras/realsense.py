@@ -28,6 +28,7 @@ RECORDINGS = frozenset({".bag", ".db3"})
 GRAB_MS = 200
 DEPTH_SIZE = (848, 480)  # the D435i's best depth mode, Intel's tuning guide
 FARTHEST_M = 20.0  # beyond it a reading is no measurement
+DEPTH_AGE_NS = 100_000_000  # three images: either stream may be late by one, and a hand moves little
 FrameId = tuple[int, float]  # number and time by the camera's clock, ms
 _TO_BGR = {"rgb8": cv2.COLOR_RGB2BGR, "yuyv": cv2.COLOR_YUV2BGR_YUY2, "rgba8": cv2.COLOR_RGBA2BGR}
 
@@ -69,6 +70,7 @@ class RealSenseCamera:
         self._sequence = 0
         self._colour_id: FrameId | None = None
         self._depth_id: FrameId | None = None
+        self._depth_ns = 0  # when that came first
         self._name = device or "RealSense"
 
     @property
@@ -171,7 +173,7 @@ class RealSenseCamera:
         return lens
 
     def _grab(self, streams: Streams) -> _FrameSet | None:
-        """One frame set; None when none with a new colour image came in time. A depth image that is old counts as none.
+        """One frame set; None when none with a new colour image came in time. Depth that is old counts as none.
 
         Beside a live stream, librealsense gives a stalled one's last frame again and again.
         """
@@ -186,7 +188,9 @@ class RealSenseCamera:
             colour, depth = aligned.get_color_frame(), aligned.get_depth_frame()
         except RuntimeError as error:
             raise HardwareError(CameraFault.REALSENSE_LOST, camera=self._name, detail=str(error)) from error
-        has_depth = depth_id not in {None, self._depth_id}
+        if depth_id != self._depth_id:
+            self._depth_ns = captured_ns
+        has_depth = depth_id is not None and captured_ns - self._depth_ns <= DEPTH_AGE_NS
         self._colour_id, self._depth_id = colour_id, depth_id
         depth_m = clean_depth(np.asanyarray(depth.get_data()), self._depth_unit_m) if has_depth else None
         return _FrameSet(_bgr(colour), depth_m, captured_ns)

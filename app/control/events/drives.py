@@ -9,14 +9,20 @@ from math import isfinite
 
 import numpy as np
 
-from app.control.diagnostics import JOINT_TIMEOUT_MS, RANGE_MARGIN_RAD, SPEED_MARGIN, TORQUE_MARGIN, Diagnostics
+from app.control.diagnostics import (
+    FOLLOWING_WARN_RAD,
+    JOINT_TIMEOUT_MS,
+    RANGE_MARGIN_RAD,
+    SPEED_MARGIN,
+    TORQUE_MARGIN,
+    Diagnostics,
+)
 from app.control.events.row import Above, Compared, Latch, Row
 from app.control.inputs import Settings
 from app.ipc.states import Effect, Event
 from hal.joints.protocol import BusFault, DriveFault, Joint, JointArray, JointFeedback
 from logs.reason import Value, reason, reason_of
 
-FOLLOWING_WARN_RAD = 0.14  # 8°, four times the tracking that the plans are checked for
 FOLLOWING_LIMIT_RAD = 0.26  # 15°
 DRIFT_RAD_S = 0.6
 

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from app.control.diagnostics import Diagnostics
-from app.control.events.drives import FOLLOWING_WARN_RAD
+from app.control.diagnostics import FOLLOWING_WARN_RAD, Diagnostics
 from app.control.events.row import GESTURES, Above, Latch, Row
 from app.ipc.states import Effect, Event
 from hal.inputs.device import InputRole

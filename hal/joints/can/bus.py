@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -243,8 +244,9 @@ class BusPort:
         return taken
 
     def close(self) -> None:
-        """Release the bus."""
-        self._bus.shutdown()
+        """Release the bus. Some adapters are spoken to once more, and may be gone."""
+        with suppress(can.CanError, OSError):
+            self._bus.shutdown()
 
     def _hand_over(self, send: Callable[..., None], *what: object) -> bool:
         try:

@@ -7,6 +7,7 @@ wearer. So everything is packed when the socket is opened, and sending needs not
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import can
@@ -45,7 +46,7 @@ class SafeStop:
         """
         errors = []
         for number in self._failed & self._buses.keys():
-            self._buses.pop(number).shutdown()
+            _release(self._buses.pop(number))
         self._failed.clear()
         for number, bus in enumerate(self._device.buses):
             try:
@@ -88,7 +89,7 @@ class SafeStop:
     def close(self) -> None:
         """Release the sockets; may be called twice."""
         for bus in self._buses.values():
-            bus.shutdown()
+            _release(bus)
         self._buses = {}
         self._failed.clear()
 
@@ -115,6 +116,12 @@ class SafeStop:
             if message is None:
                 return
             yield frame_of(message)
+
+
+def _release(bus: can.BusABC) -> None:
+    """Some adapters are spoken to once more, and may be gone."""
+    with suppress(can.CanError, OSError):
+        bus.shutdown()
 
 
 def _damping(joint: JointDevice, model: MotorModel) -> can.Message:

@@ -208,7 +208,7 @@ def test_a_joint_that_sank_while_it_did_not_answer_is_not_pulled_back() -> None:
     rig.tick()
     assert now(rig).effect is Effect.DAMP
     assert Event.JOINT_SANK.value in rig.events()
-    assert rig.command.stiffness_nm_rad.max() == 0
+    assert (rig.command.stiffness_nm_rad == 0).tolist() == [True, True, True, False], "the one in place is let down"
     rig.tick(300)
     assert now(rig).motion.fully_damped
     assert not records_of(rig, records.GuardRefusal)
@@ -222,11 +222,34 @@ def test_a_joint_that_is_where_it_was_when_it_answers_again_stays_held() -> None
     rig.tick(100)
     assert rig.events() == {Event.JOINT_TIMEOUT.value}
     assert rig.command.stiffness_nm_rad.min() > 0
-    rig.send(K.ACKNOWLEDGE)
-    rig.tick()
     sunk(rig, Joint.LEFT_KNEE)
     rig.tick()
-    assert now(rig).effect is Effect.HOLD, "too far behind, but it has not been silent"
+    assert now(rig).effect is Effect.HOLD, "too far behind, but it answered all the way"
+    assert Event.JOINT_SANK.value not in rig.events()
+
+
+def test_a_joint_that_leaned_before_it_fell_silent_has_not_sunk() -> None:
+    rig = standing()
+    sunk(rig, Joint.LEFT_KNEE)
+    rig.joints.silent = True
+    rig.tick(100)
+    rig.joints.silent = False
+    rig.tick()
+    assert Event.JOINT_SANK.value not in rig.events()
+    assert rig.command.stiffness_nm_rad.min() > 0
+
+
+def test_a_silence_that_was_acknowledged_while_it_lasted_lets_no_joint_be_pulled_back() -> None:
+    rig = standing()
+    rig.joints.silent = True
+    rig.tick(100)
+    rig.send(K.ACKNOWLEDGE)
+    rig.tick(3)
+    rig.joints.silent = False
+    sunk(rig, Joint.RIGHT_KNEE)
+    rig.tick()
+    assert now(rig).effect is Effect.DAMP
+    assert rig.command.stiffness_nm_rad[Joint.RIGHT_KNEE] == 0
 
 
 def test_legs_that_swing_after_a_stop_while_the_drives_woke_are_not_gripped() -> None:

@@ -147,6 +147,10 @@ class Adapter(can.BusABC):
         self._touch()
         return None, False
 
+    def shutdown(self) -> None:
+        super().shutdown()
+        self._touch()
+
     def _touch(self) -> None:
         if not self.plugged:
             raise can.CanOperationError("no such device", 19)

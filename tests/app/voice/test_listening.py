@@ -52,14 +52,15 @@ class FindsWord:
 def test_each_word_is_one_stop_and_silence_is_told_from_sound() -> None:
     reported: list[Signal] = []
     microphone = Blocks(SOUND, WORD, SILENCE, WORD)
-    error = listen(microphone, FindsWord(), reported.append)
+    error = listen(microphone, FindsWord, reported.append)
     assert b"".join(one.value for one in reported) == b"llszls"
     assert (error.code, microphone.closed) == (MicrophoneFault.GONE, True)
     assert signal_of(error) is Signal.NO_MICROPHONE
 
 
 def test_what_is_missing_is_said_by_its_own_signal() -> None:
-    assert signal_of(listen(Blocks(), FindsWord(), lambda _: None)) is Signal.NO_PORTAUDIO
+    ended = listen(Blocks(), lambda: pytest.fail("loaded for nothing"), lambda _: None)
+    assert signal_of(ended) is Signal.NO_PORTAUDIO
     assert signal_of(HardwareError(MicrophoneFault.EXTRA_MISSING)) is Signal.NO_EXTRA
 
 
@@ -164,6 +165,7 @@ class RawInputStream:
 import sys
 sys.path.insert(0, {str(tmp_path)!r})
 from app.voice import listener
+listener.require_spotter = lambda: None
 listener.KeywordSpotter = lambda: type("", (), {{"detect": lambda *_: False}})()
 listener.main()
 """

@@ -165,13 +165,17 @@ def unaligned() -> RealSenseCamera:
     return camera
 
 
-def test_a_stalled_streams_last_frame_beside_a_live_one_is_no_new_one(unaligned: RealSenseCamera) -> None:
-    numbers = iter([(1, 1), (1, 2), (2, 3), (3, 3), (4, 4)])
-    streams: Any = SimpleNamespace(wait=lambda _: frame_set(*next(numbers)))
-    first, old_colour, live, old_depth, again = (unaligned._grab(streams) for _ in range(5))
-    assert old_colour is None
-    depths = [one.depth_m is not None for one in (first, live, old_depth, again) if one is not None]
-    assert depths == [True, True, False, True]
+def test_a_stalled_streams_last_frame_beside_a_live_one_is_no_new_one(
+    unaligned: RealSenseCamera, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sets = {0: (1, 1), 1: (1, 2), 2: (2, 3), 3: (3, 3), 8: (8, 3), 9: (9, 9)}  # by images since the first
+    given = []
+    for image, numbers in sets.items():
+        monkeypatch.setattr("hal.cameras.realsense.time.monotonic_ns", lambda image=image: 10**9 + image * PERIOD_NS)
+        streams: Any = SimpleNamespace(wait=lambda _, numbers=numbers: frame_set(*numbers))
+        given.append(unaligned._grab(streams))
+    depths = [one and one.depth_m is not None for one in given]
+    assert depths == [True, None, True, True, False, True], "one image late is none too old"
 
 
 def test_a_colour_stream_that_stalls_beside_a_live_depth_stream_is_lost(unaligned: RealSenseCamera) -> None:
