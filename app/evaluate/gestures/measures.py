@@ -171,7 +171,14 @@ def run_sequence(footage: Footage, model: Path, rules: RuleSet, step: Step = lam
     finder = RobustRange(focal_px=footage.focal_px, reference_m=footage.reference_m)
     reports = []
     with live_detector(model) as detector:
-        pipeline = Pipeline(detector=detector, rules=rules, range_finder=finder, place=PLACE, prepare=AsNeeded())
+        pipeline = Pipeline(
+            detector=detector,
+            rules=rules,
+            range_finder=finder,
+            place=PLACE,
+            prepare=AsNeeded(),
+            follow=detector.follow,
+        )
         for number, image in enumerate(footage.frames(), start=1):
             reports.append(pipeline.process(PipelineInput(image_bgr=image, captured_ns=number * footage.period_ns)))
             step()

@@ -131,9 +131,14 @@ def _confusion(name: str, figures: Figures) -> Table:
 def sequence_table(where: Path, figures: Mapping[str, SequenceFigures]) -> Table:
     """A row a figure, a column a rule set."""
     plain = [msgspec.to_builtins(one) for one in figures.values()]
-    rows = [(tr(f"evaluate.sequence.{field}"), *(f"{one[field]:.3g}" for one in plain)) for field in plain[0]]
+    rows = [(tr(f"evaluate.sequence.{field}"), *(_figure(one[field]) for one in plain)) for field in plain[0]]
     columns = "empty " + " ".join(figures)
     return table("sequence", columns, rows, file=where, frames=next(iter(figures.values())).frames)
+
+
+def _figure(value: float) -> str:
+    """A count as it is; a share to a ten-thousandth."""
+    return str(value) if isinstance(value, int) else f"{value:.4f}"
 
 
 def as_json(

@@ -49,7 +49,8 @@ def _table_3(figures: dict[str, Any]) -> Sheet:
     last = (tr("evaluate.paper.mean"), PAPER_MACRO_F1, *means[:2], PAPER_MAP, *means[2:])
     undefined = tr("evaluate.paper.undefined", published=accepted[0], robust=accepted[1], images=figures["images"])
     columns = ("gesture", "f1_paper", "f1_published", "f1_robust", "ap_paper", "ap_published", "ap_robust")
-    return Sheet(columns, (*rows, last), series, "gesture", (undefined,))
+    fitted = tr(f"evaluate.gestures.{'cross_validated' if figures['cross_validated'] else 'shipped'}")
+    return Sheet(columns, (*rows, last), series, "gesture", (undefined, fitted))
 
 
 def _table_4(figures: dict[str, Any]) -> Sheet:

@@ -64,6 +64,13 @@ def test_an_interrupted_command_leaves_no_figures_and_is_made_again(tmp_path: Pa
     assert made(tmp_path) == 2
 
 
+def test_a_table_that_gave_up_goes_on_the_next_time(tmp_path: Path) -> None:
+    job = Job(7, ("response",), kept=True)
+    made(tmp_path, job, status=1)
+    write_json({"gave_up": {"code": "EvaluateFault.NO_ROUND"}}, figures_file(tmp_path, 7))
+    assert [made(tmp_path, job), made(tmp_path, job)] == [2, 2]
+
+
 @pytest.mark.parametrize("damaged", [figures_file, run_file])
 def test_a_damaged_table_is_made_again(tmp_path: Path, damaged: Callable[[Path, int], Path]) -> None:
     made(tmp_path)
@@ -149,6 +156,7 @@ def test_the_page_holds_every_table_with_the_papers_figures_its_plot_and_its_com
         assert "".join(f"<td>{cell}</td>" for cell in cells) in page, cells
     assert "1.23 % by the published rules" in page
     assert "1.234 times" in page
+    assert "On images it was fitted on, these figures flatter it" in page
     assert "not reproduced" in page
     assert "ended with status" not in page
     assert "http" not in page.replace("http://www.w3.org", "").replace("http://purl.org", "").replace(
