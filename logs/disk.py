@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
+from io import FileIO
 from pathlib import Path
 
 
@@ -50,6 +52,14 @@ def _locked(handle: int) -> int:
         os.close(handle)
         raise
     return handle
+
+
+def append_line(file: FileIO, line: bytes) -> None:
+    """The whole line or none: a full disk takes part of one, which would spoil what is read and appended later."""
+    before = file.tell()
+    if file.write(line) < len(line):
+        file.truncate(before)
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def is_being_written(path: Path) -> bool:

@@ -11,6 +11,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -227,20 +228,29 @@ def omitted_lines(connection: duckdb.DuckDBPyConnection, lines: dict[str, int]) 
 def as_table(answer: Any, render: Render) -> Table:
     """The first rows of a pyarrow table, numbers to the right, safe for a terminal. Known columns get their name."""
     table = Table(box=None)
-    rows = answer.slice(0, MOST_ROWS).to_pylist()
-    for name in answer.column_names:
-        numeric = any(isinstance(row[name], int | float) for row in rows)
+    columns = [column.to_pylist() for column in answer.slice(0, MOST_ROWS).columns]  # two may have one name
+    for name, values in zip(answer.column_names, columns, strict=True):
+        numeric = any(isinstance(value, int | float) for value in values)
         table.add_column(Text(sanitize_terminal(name)), justify="right" if numeric else "left")
-    for row in rows:
-        table.add_row(*(Text(_cell(value)) for value in row.values()))
+    for row in zip(*columns, strict=True):
+        table.add_row(*map(Text, map(_cell, row)))
     if answer.num_rows > MOST_ROWS:
         table.caption = render(Reason("query.more", {"rows": answer.num_rows, "shown": MOST_ROWS}))
     return table
 
 
 def as_json(answer: Any) -> Iterator[str]:
-    """Every row of a pyarrow table as an object in pure ASCII."""
-    return (json.dumps(row, default=_plain) for row in answer.to_pylist())
+    """Every row of a pyarrow table as an object in pure ASCII; a second column of one name is numbered, `session_2`."""
+    named = answer.rename_columns(_distinct(answer.column_names))
+    return (json.dumps(row, default=_plain) for row in named.to_pylist())
+
+
+def _distinct(names: Sequence[str]) -> list[str]:
+    made: list[str] = []
+    for name in names:
+        numbered = (f"{name}_{number}" for number in count(2))
+        made.append(name if name not in made else next(one for one in numbered if one not in (*names, *made)))
+    return made
 
 
 def _plain(value: Any) -> int | str:

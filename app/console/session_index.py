@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import errno
-import os
 from enum import Enum, auto
-from io import FileIO
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -13,6 +10,7 @@ import msgspec
 from msgspec import Struct
 
 from app.system.errors import AppError
+from logs.disk import append_line
 from logs.reading.errors import cause_of
 from logs.reading.formats import read_json_lines
 
@@ -76,14 +74,6 @@ class Records(Generic[R]):
         try:
             self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
             with path.open("ab", buffering=0) as file:
-                _append(file, msgspec.json.encode(record) + b"\n")
+                append_line(file, msgspec.json.encode(record) + b"\n")
         except OSError as error:
             raise AppError(SessionIndexFault.NOT_WRITTEN, path=path, detail=error.strerror) from error
-
-
-def _append(file: FileIO, line: bytes) -> None:
-    """The whole line; a full disk takes part of one, which would spoil what is read and appended later."""
-    before = file.tell()
-    if file.write(line) < len(line):
-        file.truncate(before)
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

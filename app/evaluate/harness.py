@@ -19,8 +19,10 @@ from rich.table import Table
 from app.ipc.streams import TRIGGER
 from app.system.errors import AppError
 from app.text.catalogue import language, tr, use_language
+from logs.disk import append_line
 from logs.reading.errors import cause_of
-from logs.reading.formats import read_json_lines
+from logs.reading.formats import MAX_JSON_LINES, decode_json_lines
+from logs.reading.regular import read_bytes
 
 FRAME_NS = TRIGGER.period_ns  # 30 frames per second: the camera's rate, where a recording names none
 MOST_SEEDS = 1000  # in one range
@@ -147,18 +149,26 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def kept_lines(path: Path | None, kind: type[Kept]) -> tuple[Kept, ...]:
-    """What an earlier run kept there, a line each. Raises AppError for a file that can't be used."""
+    """What an earlier run kept there, a line each. Raises AppError for a file that can't be used.
+
+    After whole lines, a last one that was cut off is taken out of the file: what is kept next begins a line.
+    """
     if path is None or not path.exists():
         return ()
     with reading(path):
-        return read_json_lines(path, kind)
+        data = read_bytes(path, MAX_JSON_LINES)
+        whole_bytes = data.rfind(b"\n") + 1 or len(data)  # a file without any whole line may be another's: it stays
+        kept = decode_json_lines(data[:whole_bytes], kind)
+        if whole_bytes < len(data):
+            os.truncate(path, whole_bytes)
+    return kept
 
 
 def keep_line(content: Any, path: Path | None) -> None:
     """Add a line, where a file was named. Raises AppError when it can't be written."""
     if path is not None:
-        with writing(path), path.open("ab") as file:
-            file.write(msgspec.json.encode(content) + b"\n")
+        with writing(path), path.open("ab", buffering=0) as file:
+            append_line(file, msgspec.json.encode(content) + b"\n")
 
 
 @contextmanager

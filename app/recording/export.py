@@ -84,7 +84,7 @@ class Samples:
         recording, deidentified = self.recording, self.deidentified
         session = deidentified.name if deidentified else session_of(recording.path)
         clock_ns = recording.clock_offset_ns + (deidentified.shift_ns if deidentified else 0)
-        found = {"session": session, "whole": str(recording.whole).lower()} | ABOUT
+        found = {"session": session, "whole": str(recording.whole).lower(), "lost": _lost_joints(recording)} | ABOUT
         return found | {"wall_minus_monotonic_ns": str(clock_ns)} | (DATES_SHIFTED if deidentified else {})
 
     def at_rate(self) -> Samples:
@@ -183,6 +183,8 @@ def to_mcap(source: Path, target: Path, deidentified: Deidentified | None = None
         writer.add(one.topic, one.at_ns, one.data)
         if number % 1000 == 0:
             writer.settle(one.at_ns)
+    kept = {topic.name for topic in topics}
+    writer.lost.update({topic: number for topic, number in recording.lost.items() if topic in kept})
     writer.finish()
     if writer.fault is not None:
         raise AppError(ExportFault.UNWRITABLE, path=target, detail=writer.fault)
@@ -226,6 +228,14 @@ def unit_of(column: str) -> str:
     """A column's unit, from its name."""
     ends = {"_rad_s": "rad/s", "_rad": "rad", "_nm": "Nm", "_ns": "ns", "_s": "s"}
     return next(unit for end, unit in ends.items() if column.endswith(end))
+
+
+def _lost_joints(recording: Recording) -> str:
+    """How many messages of the joints a recording lost, by topic: a cut file does not say."""
+    if not recording.whole:
+        return "unknown"
+    lost = {topic: recording.lost.get(topic, 0) for topic in (schemas.JOINT_STATE, schemas.JOINT_SETPOINT)}
+    return ", ".join(f"{topic} {number}" for topic, number in lost.items())
 
 
 def _write_storage(target: Path, samples: Samples, names: list[str], values: NDArray[np.float64]) -> None:

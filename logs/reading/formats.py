@@ -14,6 +14,7 @@ from logs.reading.errors import InputError, InputFault
 from logs.reading.regular import read_bytes, read_text
 
 MAX_TOML = 256 << 10  # bytes; the longest that is shipped has a tenth
+MAX_JSON_LINES = 64 << 20  # bytes
 MAX_DEPTH = 16
 _MAX_DOTS = 2500  # of a line: the parser's time grows with the square of a dotted key's parts
 _INTEGERS = range(-(2**63), 2**63)
@@ -66,8 +67,12 @@ def read_json(path: Path, kind: type[T]) -> T:
 
 def read_json_lines(path: Path, kind: type[T]) -> tuple[T, ...]:
     """A struct a line, empty lines left out. Raises OSError, InputError."""
-    lines = read_bytes(path, 64 << 20).split(b"\n")
-    return tuple(decode_json(line, kind) for line in lines if line.strip())
+    return decode_json_lines(read_bytes(path, MAX_JSON_LINES), kind)
+
+
+def decode_json_lines(data: bytes, kind: type[T]) -> tuple[T, ...]:
+    """The same of bytes. Raises InputError."""
+    return tuple(decode_json(line, kind) for line in data.split(b"\n") if line.strip())
 
 
 def check_values(value: Any) -> None:

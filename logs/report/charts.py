@@ -134,8 +134,13 @@ def clock(at_s: float) -> str:
 
 
 def _event_bands(data: ReportData) -> list[Band]:
+    end_s = data.outline.duration_s
     return [
-        Band(begin_s=event.at_s, end_s=event.at_s + (event.lasted_s or 0.0), label=f"{event.event} ({event.effect})")
+        Band(
+            begin_s=event.at_s,
+            end_s=event.at_s + event.lasted_within_s(end_s),
+            label=f"{event.event} ({event.effect})",
+        )
         for event in data.events
     ]
 

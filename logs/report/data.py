@@ -34,6 +34,8 @@ class Timed:
 
 
 NOTED = "note"  # the weakest effect
+HELD = ("hold", "damp")  # effects that stay until acknowledged
+ENDINGS = ("shutting-down", "shutdown-damping")  # of the session itself: nobody acknowledges them
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,6 +49,17 @@ class ReportEvent:
     lasted_s: float | None
     acknowledged_after_s: float | None
     by: str
+
+    def lasted_within_s(self, end_s: float) -> float:
+        """Seconds it lasted; to the session's end where nothing cleared it."""
+        return end_s - self.at_s if self.lasted_s is None else self.lasted_s
+
+    def waited_within_s(self, end_s: float) -> float:
+        """Seconds until it was acknowledged; to the session's end of a hold that nothing ended, 0 of anything else."""
+        if self.acknowledged_after_s is not None:
+            return self.acknowledged_after_s
+        waits = self.lasted_s is None and self.effect in HELD and self.event not in ENDINGS
+        return end_s - self.at_s if waits else 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -91,8 +104,8 @@ def _event(
     )
 
 
-def summed(events: Iterable[ReportEvent]) -> tuple[EventSum, ...]:
-    """The occurrences of each event put together, the most frequent first."""
+def summed(events: Iterable[ReportEvent], end_s: float) -> tuple[EventSum, ...]:
+    """The occurrences of each event put together, the most frequent first. end_s: the session's end."""
     groups: dict[tuple[str, str], list[ReportEvent]] = {}
     for event in events:
         groups.setdefault((event.event, event.effect), []).append(event)
@@ -101,8 +114,8 @@ def summed(events: Iterable[ReportEvent]) -> tuple[EventSum, ...]:
             event=name,
             effect=effect,
             times=len(group),
-            lasted_s=sum(each.lasted_s or 0.0 for each in group),
-            longest_unacknowledged_s=max((each.acknowledged_after_s or 0.0 for each in group), default=0.0) or None,
+            lasted_s=sum(each.lasted_within_s(end_s) for each in group),
+            longest_unacknowledged_s=max(each.waited_within_s(end_s) for each in group) or None,
         )
         for (name, effect), group in groups.items()
     ]
@@ -192,7 +205,7 @@ def data_of(outline: Outline, found: Sequence[Record], render: Render) -> Report
         refusals=_counted(text_of(body.reason, render) for _, body in timed.of(r.Refusal)),
         cancels=_counted(text_of(body.reason, render) for _, body in timed.of(r.Cancel)),
         events=effective,
-        kinds_of_events=summed(effective),
+        kinds_of_events=summed(effective, outline.duration_s),
         remarks=_counted(event.event for event in events if event.effect == NOTED),
         stops_s=tuple(at_s for at_s, _ in timed.of(r.Stop)),
         pauses=tuple((at_s, record_text(body, render)) for at_s, body in timed.of(r.Pause)),

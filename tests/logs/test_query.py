@@ -8,14 +8,16 @@ from typing import Any
 
 import pytest
 from msgspec import structs
+from rich.text import Text
 
 from app.ipc.states import ConsoleChange, RequestRefusal
+from app.text.recorded import render_recorded
 from logs import records as r
 from logs.disk import Disk
 from logs.errors import AuditError, AuditFault
 from logs.journal import CHANGES, Moment, append_signed
 from logs.keys import load_or_make_key
-from logs.query import QUESTIONS, as_json, ask, connect, export
+from logs.query import QUESTIONS, as_json, as_table, ask, connect, export
 from logs.read import records, session_paths
 from logs.reason import Reason, reason
 from testing.trails import write_sample
@@ -173,6 +175,16 @@ def test_a_bad_question_is_refused(logs: Path, sql: str) -> None:
     with pytest.raises(AuditError) as raised:
         ask(connection, sql)
     assert raised.value.code in (AuditFault.UNANSWERABLE, AuditFault.NOT_A_QUESTION)
+
+
+def test_columns_of_one_name_keep_each_its_value(logs: Path) -> None:
+    answer = ask(connect([logs]), "SELECT 1 AS n, 'two' AS n, 3 AS n_2, 4 AS n")
+    table = as_table(answer, render_recorded)
+    cells = [cell.plain for column in table.columns for cell in column.cells if isinstance(cell, Text)]
+    assert cells == ["1", "two", "3", "4"]
+    assert [column.justify for column in table.columns] == ["right", "left", "right", "right"]
+    (row,) = as_json(answer)
+    assert json.loads(row) == {"n": 1, "n_3": "two", "n_2": 3, "n_4": 4}
 
 
 def test_nothing_to_read_is_refused(tmp_path: Path) -> None:

@@ -19,8 +19,10 @@ from logs import records as r
 from logs.disk import Disk
 from logs.errors import AuditError, AuditFault
 from logs.keys import ConsoleKey, by_fingerprint
-from logs.read import UnreadableLine, find_session, outline, read, records, session_paths
+from logs.read import UnreadableLine, find_session, outline, outline_of, read, records, session_paths
 from logs.reason import sanitize_terminal
+from logs.report.charts import clock, timeline
+from logs.report.data import data_of
 from logs.report.page import report
 from logs.show import Filter, RecordSelector, json_of, line_of, record_text
 from logs.verify import Evidence
@@ -208,6 +210,29 @@ def test_the_report_counts_what_the_trail_holds(tmp_path: Path) -> None:
     assert page.count("<svg") == 1 + 4 + 1 + 1
     for reason in {record.body.reason for record in found if isinstance(record.body, r.Refusal)}:
         assert str(reason) in page
+
+
+def test_what_nothing_ended_lasts_to_the_sessions_end_on_the_report(tmp_path: Path, key: ConsoleKey) -> None:
+    stop, lost, ending = (
+        r.EventRaised(event=event, effect=effect, text="Look.")
+        for event, effect in (("stop", "hold"), ("no-camera", "refuse"), ("shutting-down", "hold"))
+    )
+    ended = (r.EventCleared(event="stop", effect="hold"), r.Acknowledgement(events=("stop",)))
+    path = write_session(tmp_path, "s1", key, Disk(), (stop, *ended, stop, lost, ending))
+    found = [msgspec.structs.replace(one, monotonic_ns=at_s * 10**9) for at_s, one in enumerate(records(path))]
+    data = data_of(outline_of(found), found, render_recorded)
+    end_s = data.outline.duration_s
+    first_s, again_s, lost_s, ending_s = (event.at_s for event in data.events)
+    assert (first_s, again_s, lost_s, ending_s) == (1.0, 4.0, 5.0, 6.0)
+    sums = {one.event: (one.lasted_s, one.longest_unacknowledged_s) for one in data.kinds_of_events}
+    assert sums == {
+        "stop": (1.0 + end_s - again_s, end_s - again_s),
+        "no-camera": (end_s - lost_s, None),  # it refuses while it lasts: nobody acknowledges it
+        "shutting-down": (end_s - ending_s, None),
+    }
+    drawn = timeline(data, lambda key, **_: key)
+    for at_s in (again_s, lost_s, ending_s):
+        assert f"{clock(at_s)} – {clock(end_s)}</title>" in drawn
 
 
 def test_a_changed_trail_is_called_so_on_its_report(trail: Trail) -> None:

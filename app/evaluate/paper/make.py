@@ -2,7 +2,7 @@
 
 A folder holds `table-3.json` and `table-3.run.json`, and so on, each as soon as it is made: an interrupted run goes on
 with the next table, and a table whose command is another now is made again. Table 7 takes hours; `table-7.kept.jsonl`
-holds its sessions, and it goes on from these.
+holds its sessions, and it goes on from these, also after it gave up.
 """
 
 from __future__ import annotations
@@ -95,10 +95,10 @@ def make(job: Job, out: Path, options: Sequence[str] = (), program: Sequence[str
 
 
 def _made(job: Job, figures: Path, kept: Path) -> bool:
-    """Whether the table is there, whole, by this command: what can't be read is made again."""
+    """Whether the table is there, whole, by this command: what can't be read, or gave up, is made again."""
     try:
-        read_as(figures, dict[str, Any])
-        return read_as(kept, Run).command == job.command
+        gave_up = read_as(figures, dict[str, Any]).get("gave_up")
+        return not gave_up and read_as(kept, Run).command == job.command
     except AppError:
         return False
 

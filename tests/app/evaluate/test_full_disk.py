@@ -10,17 +10,17 @@ from pathlib import Path
 import pytest
 
 from app.cli.compare_cameras import write_csv, write_plot
-from app.evaluate.harness import EvaluateFault, write_json, write_whole
+from app.evaluate.harness import EvaluateFault, keep_line, kept_lines, write_json, write_whole
 from app.perception.comparison import Comparison
 from app.system.errors import AppError
 from tests.app.perception.test_comparison import sample
 
 
 @contextmanager
-def full_disk() -> Iterator[None]:
-    """No file can grow any more."""
+def full_disk(at_bytes: int = 1) -> Iterator[None]:
+    """No file can grow any more beyond that size."""
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1, limits[1]))
+    resource.setrlimit(resource.RLIMIT_FSIZE, (at_bytes, limits[1]))
     try:
         yield
     finally:
@@ -62,6 +62,28 @@ def test_what_two_cameras_measured_is_printed_where_it_can_t_be_kept(
     with full_disk(), pytest.raises(AppError):
         write_csv(compared(), tmp_path / "two.csv")
     assert capsys.readouterr().out == compared().as_csv()
+
+
+def test_a_line_that_was_cut_off_costs_none_of_the_others(tmp_path: Path) -> None:
+    path = tmp_path / "kept.jsonl"
+    path.write_bytes(b'{"a":1}\n{"a":')
+    assert kept_lines(path, dict) == ({"a": 1},)
+    keep_line({"a": 2}, path)
+    assert kept_lines(path, dict) == ({"a": 1}, {"a": 2})
+    path.write_bytes(b'{"a":\n{"a":1}\n{"a":')
+    with pytest.raises(AppError) as refused:
+        kept_lines(path, dict)
+    assert refused.value.code is EvaluateFault.FILE_UNREADABLE
+    assert path.read_bytes() == b'{"a":\n{"a":1}\n{"a":', "what is not ours stays as it is"
+
+
+def test_a_disk_that_takes_half_a_line_keeps_none_of_it(tmp_path: Path) -> None:
+    path = tmp_path / "kept.jsonl"
+    keep_line({"a": 1}, path)
+    with full_disk(path.stat().st_size + 3), pytest.raises(AppError) as refused:
+        keep_line({"a": 2}, path)
+    assert refused.value.code is EvaluateFault.FILE_UNWRITABLE
+    assert path.read_bytes() == b'{"a":1}\n'
 
 
 def test_a_link_is_written_through(tmp_path: Path) -> None:

@@ -13,9 +13,10 @@ from pyarrow import Table, csv, parquet
 from typer.testing import CliRunner
 
 from app.cli import cli
+from app.recording.deidentify import Deidentified
 from app.recording.export import COLUMNS, COORDINATES, ExportFault, export, read_samples, unit_of
-from app.recording.read import RecordingReadFault, survey
-from app.recording.schemas import TOPICS
+from app.recording.read import Recording, RecordingReadFault, messages, survey
+from app.recording.schemas import JOINT_SETPOINT, JOINT_STATE, TOPICS, TRAIL
 from app.recording.writer import RecordingWriter
 from app.system.errors import AppError
 from tests.app.recording.conftest import Session
@@ -107,6 +108,22 @@ def test_mcap_of_a_cut_file_is_whole(recorded: Session, tmp_path: Path) -> None:
     with pytest.raises(AppError) as caught:
         export(cut, "mcap", tmp_path / "out")
     assert caught.value.code is ExportFault.EXISTS
+
+
+def test_what_a_recording_lost_is_said_of_its_export(recorded: Session, tmp_path: Path) -> None:
+    path = tmp_path / recorded.path.name
+    writer = RecordingWriter(path, TOPICS, 0)
+    for one in messages(Recording(path=recorded.path), JOINT_STATE, JOINT_SETPOINT):
+        writer.add(one.topic, one.at_ns, one.data)
+    writer.lost.update({JOINT_STATE: 3, TRAIL: 2})
+    assert writer.finish()
+    assert survey(export(path, "mcap", tmp_path / "out")).lost == {JOINT_STATE: 3, TRAIL: 2}
+    shifted = Deidentified("P-017", 0)
+    assert survey(export(path, "mcap", tmp_path / "out", shifted)).lost == {JOINT_STATE: 3}
+    lost = f"# lost: {JOINT_STATE} 3, {JOINT_SETPOINT} 0\n"
+    assert lost in export(path, "csv", tmp_path / "out").read_text(encoding="utf-8")
+    path.write_bytes(path.read_bytes()[:-100])
+    assert read_samples(path).about["lost"] == "unknown"
 
 
 def test_the_command_and_what_it_refuses(recorded: Session, tmp_path: Path) -> None:
