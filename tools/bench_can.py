@@ -18,7 +18,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from app.control.diagnostics import JOINT_TIMEOUT_MS
+from app.control.silence import JOINT_TIMEOUT_MS
 from app.ipc.links import LatestReceiver, address
 from app.ipc.messages import TriggerReport
 from app.ipc.streams import TRIGGER

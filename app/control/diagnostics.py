@@ -11,6 +11,7 @@ import numpy as np
 from msgspec import Struct
 
 from app.control.inputs import Inputs, Settings, StreamState
+from app.control.silence import angles_sunk_rad, silent_joints
 from app.control.stop_inputs import StopInputStates, reader_age_ns
 from app.ipc.messages import LinkHealth
 from app.ipc.states import LinkQuantity
@@ -24,7 +25,6 @@ from logs.reason import Reason, Value, reason
 if TYPE_CHECKING:  # the state holds events, whose rows read the diagnostics
     from app.control.state import ControlState, Tick
 
-JOINT_TIMEOUT_MS = 15.0  # with a tick and its margin the effect comes within 20 ms
 FOLLOWING_WARN_RAD = 0.14  # 8°, four times the tracking that the plans are checked for
 RANGE_MARGIN_RAD = radians(2.0)  # of the measured angle over the device's range: encoder noise and a soft stop
 SPEED_MARGIN = 1.1
@@ -100,13 +100,6 @@ class ClockDiagnostics(Struct, frozen=True, kw_only=True):
     reader_age_ms: float = 0.0  # of the stop inputs' newest reading
     slept_s: float = 0.0
     step_s: float = 0.0
-
-
-class LastAnswer(Struct, frozen=True, kw_only=True):
-    """Where a joint was when it answered last, and how far from its target."""
-
-    position_rad: float
-    behind_rad: float
 
 
 class JointDiagnostics(Struct, frozen=True, kw_only=True):
@@ -230,10 +223,8 @@ def _joints(inputs: Inputs, state: ControlState, settings: Settings) -> JointDia
     motion, streams = state.motion, state.streams
     measured_ns, temperatures_c = feedback.measured_ns.tolist(), feedback.temperature_c.tolist()
     oldest_ns = min(measured_ns)
-    due_ns = now_ns - streams.own_delay_ns - JOINT_TIMEOUT_MS * NS_PER_MS
-    answering = oldest_ns >= due_ns or not streams.powered  # without power they are asked less often
-    silent = frozenset() if answering else frozenset(one for one in Joint if measured_ns[one] < due_ns)
-    sunk_rad = _sunk_rad(state, feedback, silent)
+    silent = silent_joints(streams, feedback, now_ns)
+    sunk_rad = angles_sunk_rad(state.silenced, motion, feedback, silent)
     return JointDiagnostics(
         answering=oldest_ns > 0,
         age_ms=_age_ms(now_ns - streams.own_delay_ns, oldest_ns),
@@ -304,30 +295,6 @@ def _following_rad(motion: Motion, feedback: JointFeedback) -> float:
     if motion.mode not in {Mode.HOLDING, Mode.MOVING}:
         return 0.0
     return float(np.abs(motion.command.position_rad - feedback.position_rad).max())
-
-
-def last_answer(motion: Motion, feedback: JointFeedback, joint: Joint) -> LastAnswer:
-    """Of a joint that has just become silent."""
-    position_rad = float(feedback.position_rad[joint])
-    return LastAnswer(
-        position_rad=position_rad, behind_rad=abs(float(motion.command.position_rad[joint]) - position_rad)
-    )
-
-
-def _sunk_rad(state: ControlState, feedback: JointFeedback, silent: frozenset[Joint]) -> dict[Joint, float]:
-    """How far joints that answer again have both moved, and come away from their targets, since they last answered.
-
-    One that leaned against its target before, or stopped short of a target that went on, has not sunk.
-    """
-    sunk_rad: dict[Joint, float] = {}
-    if state.motion.mode is Mode.DISABLED:
-        return sunk_rad
-    for joint, before in state.silenced.items():
-        if joint not in silent:
-            now = last_answer(state.motion, feedback, joint)
-            moved_rad = abs(now.position_rad - before.position_rad)
-            sunk_rad[joint] = min(now.behind_rad - before.behind_rad, moved_rad)
-    return sunk_rad
 
 
 def _pose_error_rad(state: ControlState, feedback: JointFeedback, settings: Settings) -> float:

@@ -8,11 +8,11 @@ from typing import Any
 from msgspec import Struct
 from msgspec.structs import replace
 
-from app.control.diagnostics import LastAnswer
 from app.control.events.table import RaisedEvents, effect_of
 from app.control.gait.machine import Change, Gait, changed
 from app.control.inputs import ActionRequest, DriveOrder, Inputs, Outputs, Settings, StreamState
 from app.control.running_action import RunningAction
+from app.control.silence import Silences
 from app.control.stop_inputs import StopInputStates
 from app.ipc.messages import ActionReport, PauseSummary
 from app.ipc.states import Action, Effect, GaitState, PauseCause
@@ -43,7 +43,7 @@ class ControlState(Struct, frozen=True, kw_only=True):
     gait: Gait = Gait()
     motion: Motion = Motion()
     events: RaisedEvents = ()
-    silenced: dict[Joint, LastAnswer] = {}  # those that do not answer in time
+    silenced: Silences = {}  # those that do not answer in time, or have just begun to
     sunk: frozenset[Joint] = frozenset()  # while they did not answer; until that is acknowledged
     stop_inputs: StopInputStates = ()
     running: RunningAction | None = None

@@ -14,7 +14,6 @@ from app.control.diagnostics import (
     PlanningDiagnostics,
     SessionDiagnostics,
     collect_diagnostics,
-    last_answer,
 )
 from app.control.events.programs import CLOCK_STEP_S
 from app.control.events.table import ROW, RaisedEvent, RaisedEvents, advance, compared_fields, displaced, walk_ender
@@ -39,6 +38,7 @@ from app.control.inputs import (
 from app.control.pause import paused_too_long, track_pause
 from app.control.requests import arbitrate, end_unattended, handle_gesture, handle_operator_commands, lacks_preflight
 from app.control.running_action import Stage, measure, note_command
+from app.control.silence import update_silences
 from app.control.state import ControlState, Tick
 from app.control.stop_inputs import input_records, update_stop_inputs
 from app.ipc.states import Effect, Event, RequestRefusal
@@ -149,10 +149,7 @@ def _note_silence(tick: Tick, joints: JointDiagnostics, sank: bool) -> None:
     state = tick.state
     if joints.silent or state.silenced or state.sunk:
         tick.update(
-            silenced={
-                joint: state.silenced.get(joint) or last_answer(state.motion, tick.inputs.feedback, joint)
-                for joint in joints.silent
-            },
+            silenced=update_silences(state.silenced, state.motion, tick.inputs.feedback, joints.silent, tick.now_ns),
             sunk=state.sunk | joints.sunk if sank else frozenset(),
         )
 

@@ -88,8 +88,11 @@ class PlaybackCamera:
             raise EndOfRecording
         if self._paced and not _wait_until(self._due_ns(frame), timeout_s):
             return None
+        limit_ns = time.monotonic_ns() + round(timeout_s * 1e9)
         self._next = next(self._pending, None)
         while self._paced and self._next is not None and self._due_ns(self._next) <= (now_ns := time.monotonic_ns()):
+            if now_ns >= limit_ns:
+                break
             period_ns = self._next.offset_ns - frame.offset_ns
             frame, self._next = self._next, next(self._pending, None)
             if time.monotonic_ns() - now_ns > period_ns:

@@ -188,10 +188,10 @@ class RealSenseCamera:
             colour, depth = aligned.get_color_frame(), aligned.get_depth_frame()
         except RuntimeError as error:
             raise HardwareError(CameraFault.REALSENSE_LOST, camera=self._name, detail=str(error)) from error
-        if depth_id != self._depth_id:
-            self._depth_ns = captured_ns
+        if depth_id not in {None, self._depth_id}:
+            self._depth_id, self._depth_ns = depth_id, captured_ns
         has_depth = depth_id is not None and captured_ns - self._depth_ns <= DEPTH_AGE_NS
-        self._colour_id, self._depth_id = colour_id, depth_id
+        self._colour_id = colour_id
         depth_m = clean_depth(np.asanyarray(depth.get_data()), self._depth_unit_m) if has_depth else None
         return _FrameSet(_bgr(colour), depth_m, captured_ns)
 

@@ -11,7 +11,6 @@ import numpy as np
 
 from app.control.diagnostics import (
     FOLLOWING_WARN_RAD,
-    JOINT_TIMEOUT_MS,
     RANGE_MARGIN_RAD,
     SPEED_MARGIN,
     TORQUE_MARGIN,
@@ -19,6 +18,7 @@ from app.control.diagnostics import (
 )
 from app.control.events.row import Above, Compared, Latch, Row
 from app.control.inputs import Settings
+from app.control.silence import JOINT_TIMEOUT_MS
 from app.ipc.states import Effect, Event
 from hal.joints.protocol import BusFault, DriveFault, Joint, JointArray, JointFeedback
 from logs.reason import Value, reason, reason_of

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from hal.errors import HardwareError
-from hal.joints.protocol import BusFault, DriveFault, DriveState, JointArray, JointCommand, JointFeedback
+from hal.joints.protocol import BusFault, DriveFault, DriveState, Joint, JointArray, JointCommand, JointFeedback
 
 
 @dataclass
@@ -24,6 +24,8 @@ class IdealJoints:
     torque_nm: JointArray = field(default_factory=lambda: np.zeros(4))
     stuck: bool = False
     silent: bool = False
+    mute: frozenset[Joint] = frozenset()  # these do not answer; what they answered last is reported on
+    answered: dict[Joint, tuple[int, float]] = field(default_factory=dict)  # when and where
     refuse_enable: str = ""
     measured_ns: int = 1
 
@@ -37,9 +39,11 @@ class IdealJoints:
         """What they report now."""
         if not self.silent:
             self.measured_ns = now_ns
+        for joint in set(Joint) - self.mute:
+            self.answered[joint] = self.measured_ns, self.position_rad[joint]
         return JointFeedback(
-            measured_ns=np.full(4, self.measured_ns),
-            position_rad=self.position_rad.copy(),
+            measured_ns=np.array([self.answered[joint][0] for joint in Joint]),
+            position_rad=np.array([self.answered[joint][1] for joint in Joint]),
             velocity_rad_s=self.velocity_rad_s.copy(),
             torque_nm=self.torque_nm.copy(),
             temperature_c=self.temperature_c.copy(),

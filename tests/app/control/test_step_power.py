@@ -239,6 +239,81 @@ def test_a_joint_that_leaned_before_it_fell_silent_has_not_sunk() -> None:
     assert rig.command.stiffness_nm_rad.min() > 0
 
 
+@pytest.mark.parametrize("stalls", [0, 5])
+def test_a_joint_that_sank_is_let_go_while_another_one_stays_silent(stalls: int) -> None:
+    rig = standing()
+    rig.tick()
+    rig.joints.mute = frozenset({Joint.LEFT_HIP})
+    for _ in range(stalls):  # nor do control's own stalls excuse who has answered since
+        rig.now_ns += 30 * TICK_NS
+        rig.spoil = {"late_ns": 30 * TICK_NS, "missed_ticks": 30}
+        rig.tick(50)
+    rig.joints.mute |= {Joint.LEFT_KNEE}
+    rig.tick(100)
+    sunk(rig, Joint.LEFT_KNEE)
+    rig.joints.mute = frozenset({Joint.LEFT_HIP})
+    rig.tick()
+    assert Event.JOINT_SANK.value in rig.events()
+    assert rig.command.stiffness_nm_rad[Joint.LEFT_KNEE] == 0
+
+
+def test_a_joint_that_sinks_through_its_target_has_sunk() -> None:
+    rig = standing()
+    rig.tick()
+    rig.joints.stuck = True
+    knee = np.eye(4)[Joint.RIGHT_KNEE]
+    rig.joints.position_rad = rig.joints.position_rad - 0.2 * knee
+    rig.tick(5)
+    rig.joints.mute = frozenset({Joint.RIGHT_KNEE})
+    rig.tick(50)
+    rig.joints.position_rad = rig.joints.position_rad + 0.4 * knee
+    rig.joints.mute = frozenset()
+    rig.tick()
+    assert Event.JOINT_SANK.value in rig.events()
+
+
+def test_short_silences_in_which_a_joint_sinks_add_up() -> None:
+    rig = standing()
+    rig.tick()
+    rig.joints.stuck = True
+    for _ in range(2):
+        rig.joints.mute = frozenset({Joint.LEFT_KNEE})
+        rig.tick(20)
+        rig.joints.position_rad = rig.joints.position_rad + 0.12 * np.eye(4)[Joint.LEFT_KNEE]
+        rig.joints.mute = frozenset()
+        rig.tick()
+    assert Event.JOINT_SANK.value in rig.events()
+
+
+def test_a_joint_that_was_pushed_while_it_answered_has_not_sunk_in_a_later_silence() -> None:
+    rig = standing()
+    rig.tick()
+    rig.joints.mute = frozenset({Joint.LEFT_KNEE})
+    rig.tick(20)
+    rig.joints.mute = frozenset()
+    rig.tick(100)
+    sunk(rig, Joint.LEFT_KNEE)
+    rig.tick(100)
+    rig.joints.mute = frozenset({Joint.LEFT_KNEE})
+    rig.tick(20)
+    rig.joints.mute = frozenset()
+    rig.tick()
+    assert Event.JOINT_SANK.value not in rig.events()
+
+
+def test_a_damped_joint_that_moves_in_silence_has_not_sunk() -> None:
+    rig = standing()
+    rig.send(K.STOP)
+    rig.send(K.STOP)
+    rig.tick(300)
+    rig.joints.mute = frozenset({Joint.LEFT_KNEE})
+    rig.tick(50)
+    sunk(rig, Joint.LEFT_KNEE)
+    rig.joints.mute = frozenset()
+    rig.tick()
+    assert Event.JOINT_SANK.value not in rig.events()
+
+
 def test_a_silence_that_was_acknowledged_while_it_lasted_lets_no_joint_be_pulled_back() -> None:
     rig = standing()
     rig.joints.silent = True
