@@ -9,12 +9,7 @@ from math import isfinite
 
 from msgspec.structs import replace
 
-from app.control.diagnostics import (
-    JointDiagnostics,
-    PlanningDiagnostics,
-    SessionDiagnostics,
-    collect_diagnostics,
-)
+from app.control.diagnostics import JointDiagnostics, PlanningDiagnostics, SessionDiagnostics, collect_diagnostics
 from app.control.events.programs import CLOCK_STEP_S
 from app.control.events.table import ROW, RaisedEvent, RaisedEvents, advance, compared_fields, displaced, walk_ender
 from app.control.executor import (

@@ -6,11 +6,14 @@ from copy import deepcopy
 from functools import cache
 from typing import TypeVar
 
+import numpy as np
+
 from app.control.running_action import Stage
 from app.control.state import ControlState
 from app.ipc.messages import OperatorKind
 from app.ipc.states import GESTURE_OF, Action, GaitState, Source
 from app.motion.follower import DAMPING_RAMP_S, HOLD_S
+from hal.joints.device import Joint
 from hal.joints.protocol import TICK_HZ, DriveState
 from tests.app.control.rig import Rig
 
@@ -112,3 +115,9 @@ def request(rig: Rig, action: Action, source: Source) -> None:
         rig.send(K.ACT, action)
     else:
         rig.release(GESTURE_OF[action])
+
+
+def sunk(rig: Rig, *joints: Joint) -> None:
+    """These joints hang half a radian from where they are held, and do not follow."""
+    rig.joints.stuck = True
+    rig.joints.position_rad = rig.joints.position_rad + np.array([0.5 * (joint in joints) for joint in Joint])

@@ -14,10 +14,11 @@ from pathlib import Path
 
 import msgspec
 import pytest
+from msgspec.structs import replace
 
 from app.ipc.links import Publisher, address, new_link_directory
 from app.ipc.messages import ControlSnapshot, OperatorKind
-from app.ipc.states import Effect, GaitState
+from app.ipc.states import Effect
 from app.ipc.streams import SNAPSHOT, LinkDirectory
 from app.session.host import SessionHost, make_setup
 from app.session.shared import Peer, current_lease, held_session, share, shared, start_of, take_lease, unshare
@@ -25,7 +26,7 @@ from app.system.config import Config, SessionSetup
 from app.system.errors import AppError
 from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT
-from testing.fake_host import JOINT
+from testing.fake_host import STANDING
 
 
 @pytest.fixture
@@ -109,18 +110,7 @@ def console_of(setup: SessionSetup) -> Iterator[SessionHost]:
 
 
 def snapshot(stop_sequence: int) -> ControlSnapshot:
-    return ControlSnapshot(
-        incarnation=1,
-        sequence=1,
-        at_ns=1,
-        state=GaitState.STANDING,
-        effect=Effect.HOLD,
-        armed=False,
-        patient_confirmed=True,
-        enabled=True,
-        joints=(JOINT, JOINT, JOINT, JOINT),
-        stop_sequence=stop_sequence,
-    )
+    return replace(STANDING, effect=Effect.HOLD, armed=False, stop_sequence=stop_sequence)
 
 
 def waits_after(control: Publisher, now: ControlSnapshot, console: SessionHost) -> int:
