@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Iterable
 from typing import TypeVar
 
@@ -24,6 +25,7 @@ _M = TypeVar("_M", bound=msgspec.Struct)
 
 SLOW_STREAM_TICKS = 5  # slow streams and plans are polled at 100 Hz: 10 ms of their limits' margin
 LAST_HEARTBEAT_S = 0.1  # the guardian must learn that control has ended in good order
+HEARTBEATS_WAITING = 64  # more only wait for a guardian that stands still
 PLANS_A_TICK = 4
 COMMANDS_A_TICK = 32  # a flood of commands must not make a tick late
 
@@ -56,7 +58,7 @@ class ControlLinks:
         self._reports = LatestReceiver(at(streams.TRIGGER), TriggerReport)
         self._audit = LatestReceiver(at(streams.AUDIT_HEALTH), AuditHealth)
         self._guardian = LatestReceiver(at(streams.GUARDIAN), GuardianHealth)
-        self._heartbeats = Publisher(at(streams.HEARTBEAT))
+        self._heartbeats = Publisher(at(streams.HEARTBEAT), queue=HEARTBEATS_WAITING)
         self._snapshots = Publisher(at(streams.SNAPSHOT))
         self._link = LatestReceiver(at(streams.LINK), LinkHealth) if linked else None
         self._rejected = 0
@@ -73,13 +75,15 @@ class ControlLinks:
             self._heartbeats,
         )
         self._peers_of_others = {"audit": 0, "guardian": 0, "link": 0}
+        self._awaited: GuardianHealth | None = None  # received before its tick
 
     def receive(self, *, slow: bool, planning: bool) -> Received:
         """Everything new. slow: the slow streams too; planning: a plan is awaited, plans are polled in every tick."""
         commands = tuple(_up_to(COMMANDS_A_TICK, self._operator))
         plans = tuple(_up_to(PLANS_A_TICK, self._plans)) if planning or slow else ()
         audit = self._audit.receive() if slow else None
-        guardian = self._guardian.receive() if slow else None
+        guardian = (self._guardian.receive() or self._awaited) if slow else None
+        self._awaited = None if slow else self._awaited
         link = self._link.receive() if slow and self._link is not None else None
         return Received(
             report=self._reports.receive(),
@@ -91,6 +95,15 @@ class ControlLinks:
             rejected_messages=self._newly_rejected(),
             foreign_peers=self._new_foreign_peers(audit, guardian, link) if slow else 0,
         )
+
+    def await_guardian(self, since_ns: int, limit_s: float) -> bool:
+        """Wait for what the guardian reports from then on; whether it did so in time."""
+        until_s = time.monotonic() + limit_s
+        while (left_s := until_s - time.monotonic()) > 0:
+            self._awaited = self._guardian.receive(left_s) or self._awaited
+            if self._awaited is not None and self._awaited.at_ns >= since_ns:
+                return True
+        return False
 
     def send_plan_requests(self, plan_requests: Iterable[PlanRequest]) -> None:
         """Send requests to the planner; one that a full queue refuses ends in PLANNER_TIMEOUT."""

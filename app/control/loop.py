@@ -37,6 +37,9 @@ PARENT_TICKS = 25  # 50 ms
 CLEARED_TICKS = 2 * TICK_HZ
 CONTACT_TICKS = TICK_HZ // 50
 LATENESS_TICKS = 60 * TICK_HZ
+# The guardian may have acted by then.
+ABSENT_NS = streams.HEARTBEAT.stale_ms * streams.NS_PER_MS - streams.HEARTBEAT.period_ns
+GUARDIAN_WAIT_S = 0.1  # it answers a heartbeat after a silence in its next check, 4 ms later
 
 
 def run_control(setup: SessionSetup) -> None:
@@ -95,11 +98,12 @@ class Control:
         timer = PeriodicTimer(period_ns=TICK_NS, next_ns=time.monotonic_ns() + TICK_NS)
         finished = False
         while not finished:
-            now_ns, late_ns, missed = timer.wait()
+            now_ns, late_ns, missed = self._next_tick(timer)
             self._histogram.add(late_ns, missed)
             inputs = self._read(now_ns, late_ns, missed)
             self._state, outputs = step(self._state or initial_state(inputs), inputs, self._settings)
-            self._drives.write(outputs.command, inputs.feedback, now_ns, outputs.unheld)
+            if time.monotonic_ns() - now_ns < ABSENT_NS:  # else frozen in this tick, with a command of before
+                self._drives.write(outputs.command, inputs.feedback, now_ns, outputs.unheld)
             self._publish(self._state, inputs, outputs)
             if self._recorder is not None:
                 self._record_tick(self._recorder, self._state, inputs, outputs)
@@ -128,6 +132,20 @@ class Control:
 
     def _send_heartbeat(self, powered: bool) -> None:
         self._links.send_heartbeat(Heartbeat(at_ns=time.monotonic_ns(), enabled=powered))
+
+    def _next_tick(self, timer: PeriodicTimer) -> tuple[int, int, int]:
+        """As the timer's wait. After an absence in which the guardian may have acted, its report comes first."""
+        now_ns, late_ns, missed = timer.wait()
+        if not (late_ns >= ABSENT_NS and self._drives.powered and self._guarded_until(now_ns - late_ns)):
+            return now_ns, late_ns, missed
+        self._send_heartbeat(True)
+        self._links.await_guardian(now_ns, GUARDIAN_WAIT_S)
+        answered_ns, _, more = timer.wait()
+        return answered_ns, late_ns + answered_ns - now_ns, missed + 1 + more
+
+    def _guarded_until(self, at_ns: int) -> bool:
+        guardian = self._state.streams.guardian if self._state else None
+        return guardian is not None and at_ns - guardian.at_ns <= streams.GUARDIAN.stale_ms * streams.NS_PER_MS
 
     def _read(self, now_ns: int, late_ns: int, missed: int) -> Inputs:
         feedback = self._drives.read(now_ns)

@@ -173,9 +173,17 @@ class HandshakeMonitor:
 class Publisher(_Link):
     """Sends the newest of something to whoever listens; binds."""
 
-    def __init__(self, at: Address) -> None:
+    def __init__(self, at: Address, *, queue: int = 0) -> None:
+        """queue: so many messages may wait, and the last one arrives though the socket is closed behind it.
+
+        Without a queue a newer message replaces an older one, and the close may replace the last: ZeroMQ marks the
+        end of a connection by a message of its own, and a conflating queue has one place.
+        """
         super().__init__(zmq.PUB, at)
-        self.socket.setsockopt(zmq.CONFLATE, 1)  # else a full queue would drop the newest and keep the old
+        if queue:
+            self.socket.setsockopt(zmq.SNDHWM, queue)
+        else:
+            self.socket.setsockopt(zmq.CONFLATE, 1)  # else a full queue would drop the newest and keep the old
         self._open(bind=True)
         self._encode = msgspec.msgpack.Encoder().encode
 

@@ -152,7 +152,8 @@ class Guardian:
         """One check, and what follows from it."""
         self._open(now_ns)
         before, was_powered = self._state.action, self._powered
-        self._state = check_heartbeat(self._state, self._heartbeats.receive(), now_ns, ending=self._ended())
+        heartbeat, last = self._heartbeats.receive(), self._state.heartbeat
+        self._state = check_heartbeat(self._state, heartbeat, now_ns, ending=self._ended())
         self._stale = self._stale or (was_powered and not self._powered)
         if self._stale and self._state.action is GuardianAction.MONITOR:
             self._reopen(now_ns)
@@ -160,8 +161,9 @@ class Guardian:
         self._listen(before, now_ns)
         if before is GuardianAction.MONITOR and self._state.action is GuardianAction.DAMP:
             self._record_loss(now_ns)
-        # at once when it acts: a control that comes back must not grip what it was not holding any more
-        if now_ns - self._health_ns >= streams.GUARDIAN.period_ns or self._state.action is not before:
+        # at once when it acts, and to a control that comes back: it must not grip what it was not holding any more
+        returned = heartbeat is not None and _lost(last, heartbeat.at_ns)
+        if returned or now_ns - self._health_ns >= streams.GUARDIAN.period_ns or self._state.action is not before:
             self._health_ns = now_ns
             acted = self._state.action is not GuardianAction.MONITOR
             self._foreign_peers += self._heartbeats.foreign_peers() + self._health.foreign_peers()

@@ -317,12 +317,14 @@ def test_a_control_that_was_frozen_comes_back_damped_and_may_continue_when_it_is
     assert back.state in {GaitState.BETWEEN, GaitState.UNPOWERED}
     session.send(OperatorKind.TORQUE_OFF)
     session.until(lambda s: not s.enabled, "torque off")
-    assert not any(gains(data)[0] for _, _, data in commands_after(sniffer, resumed_ns)), "gripped while sunk"
+    after = commands_after(sniffer, resumed_ns)
+    first_ns = min(at for at, _, data in after if not gains(data)[0])
+    stiff = [(at, drive) for at, drive, data in after if gains(data)[0]]
+    assert all(at < first_ns for at, _ in stiff), "gripped while sunk"
+    assert len({drive for _, drive in stiff}) == len(stiff), "more than what was being sent when it was frozen"
     session.until(lambda _: session.guardian is not None and not session.guardian.acted, "the guardian's watch")
-    session.send(OperatorKind.ACKNOWLEDGE)
-    session.until(lambda s: Action.INITIALISE in s.allowed, "leave for gesture 0")
-    session.send(OperatorKind.ACT, Action.INITIALISE)
-    session.until(lambda s: s.enabled and s.action is Action.INITIALISE and s.progress > 0.1, "the way back")
+    session.settle()
+    session.stand()
 
 
 def test_a_simulated_stop_button_is_pressed_from_another_terminal(tmp_path: Path) -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import time
 from collections.abc import Callable
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import msgspec
@@ -11,6 +13,7 @@ import pytest
 
 from app.ipc.links import LatestReceiver, OrderedReceiver, OrderedSender, Publisher, address, new_link_directory
 from app.ipc.messages import HandCommand, Heartbeat
+from app.ipc.streams import LinkDirectory
 
 
 def beat(at_ns: int) -> Heartbeat:
@@ -51,6 +54,42 @@ def test_latest_keeps_only_the_newest(tmp_path: Path) -> None:
     finally:
         sender.close()
         receiver.close()
+
+
+ROUNDS = 40
+
+
+def comes(receiver: LatestReceiver[Heartbeat], at_ns: int, limit_s: float) -> bool:
+    return until(lambda: (beat := receiver.receive(0.01)) is not None and beat.at_ns == at_ns, limit_s)
+
+
+def speak_and_close(links: LinkDirectory, heard: Connection) -> None:
+    for number in range(ROUNDS):
+        publisher = Publisher(address(links, str(number)), queue=8)
+        while not heard.poll(0.005):
+            publisher.send(beat(1))
+        heard.recv()
+        publisher.send(beat(2))
+        publisher.close(linger_s=5.0)
+
+
+def test_the_last_message_of_a_publisher_with_a_queue_arrives_though_it_is_closed_behind_it(tmp_path: Path) -> None:
+    links = new_link_directory(tmp_path)
+    context = multiprocessing.get_context("spawn")  # another process, or the closing would wait for this one's thread
+    mine, theirs = context.Pipe()
+    speaker = context.Process(target=speak_and_close, args=(links, theirs), daemon=True)
+    speaker.start()
+    lost = []
+    for number in range(ROUNDS):  # a conflating publisher lost every third
+        receiver = LatestReceiver(address(links, str(number)), Heartbeat)
+        assert comes(receiver, 1, 30.0)
+        mine.send("heard")
+        if not comes(receiver, 2, 5.0):
+            lost.append(number)
+        receiver.close()
+    speaker.join(30.0)
+    assert speaker.exitcode == 0
+    assert not lost
 
 
 def test_ordered_loses_and_reorders_nothing(tmp_path: Path) -> None:

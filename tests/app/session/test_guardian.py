@@ -256,3 +256,11 @@ def test_that_it_acts_is_said_at_once(guardian: Guardian, watch: Watch) -> None:
     assert watch.health[-1].at_ns == watch.now_ns
     assert watch.now_ns - 1_000 * MS - RETRY_NS < 80 * MS
     assert len(watch.health) == before + 1
+
+
+def test_a_control_that_comes_back_is_answered_at_once(guardian: Guardian, watch: Watch) -> None:
+    watch.check(guardian, RETRY_NS)
+    watch.check(guardian, 80 * MS, enabled=None)
+    before = len(watch.health)
+    watch.check(guardian, 2 * CHECK)
+    assert [(one.at_ns, one.acted) for one in watch.health[before:]] == [(watch.now_ns - CHECK, True)]
