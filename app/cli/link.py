@@ -84,14 +84,14 @@ def list_peers(home: HomeOption = None) -> None:
     peers = peers_of(find_home(home))
     for peer in peers:
         where = peer.host or tr("cli.link.laptop")
-        typer.echo(sanitize_terminal(f"{peer.name}  {where}  {peer.paired_at}  {peer.public[:8]}…"))
+        typer.echo(sanitize_terminal(f"{peer.name}  {where}  {peer.paired_at}  {peer.fingerprint}"))
     if not peers:
         print_text("cli.link.none")
 
 
 @cli.command()
 def forget(
-    name: Annotated[str, typer.Argument(help="Its name or address, as `rleex link list` prints it.")],
+    name: Annotated[str, typer.Argument(help="Its name, address or fingerprint, as listed by `rleex link list`.")],
     home: HomeOption = None,
 ) -> None:
     """Forget a paired computer: it is not admitted any more."""

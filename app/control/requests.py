@@ -60,6 +60,14 @@ def admits(lease: int, sequence: int, command: OperatorCommand) -> bool:
     return command.kind in STOP_KINDS
 
 
+def presses_after(presses: int, newest_ns: int, sent_ns: int) -> int:
+    """How many presses of STOP count after one more, sent then; newest_ns: when the newest of them was sent.
+
+    One that was sent before that follows nothing: pressed while a link was lost, it comes after its return's takeover.
+    """
+    return presses if presses and sent_ns < newest_ns else presses + 1
+
+
 def handle_gesture(tick: Tick) -> None:
     """Take the request of a newly released gesture."""
     request = new_release(tick.state.streams, tick.inputs.report)
@@ -230,8 +238,8 @@ def _heartbeat(_tick: Tick, _: OperatorCommand) -> None:
 
 
 def _stop(tick: Tick, command: OperatorCommand) -> None:
-    presses = tick.state.stop_presses + 1
-    tick.update(stop_presses=presses)
+    presses = presses_after(tick.state.stop_presses, tick.state.press_ns, command.sent_ns)
+    tick.update(stop_presses=presses, press_ns=command.sent_ns)
     by = StopSource.TAKEOVER if command.kind is OperatorKind.TAKE_OVER else StopSource.KEY
     _record_stop(tick, command, by, Effect.HOLD if presses == 1 else Effect.DAMP)
 

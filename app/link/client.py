@@ -26,12 +26,12 @@ from app.link.order import Outbox, WaitingStops
 from app.link.packets import PacketSeal
 from app.link.questions import why_silent
 from app.link.remote import Remote
-from app.link.wire import LinkNotice, Refused, ToJoints, ToLaptop, Welcome, mark_of
+from app.link.wire import LinkFault, LinkNotice, Refused, ToJoints, ToLaptop, Welcome, mark_of
 from app.system.config import SessionSetup
 from app.system.diagnostics_log import get_logger
 from app.system.scheduling import gc_freeze, set_scheduling
 from logs.reading.errors import CodedError
-from logs.reason import Reason, reason, reason_of
+from logs.reason import Reason, key_of, reason, reason_of
 from logs.records import EventRaised, Note, ProcessEnd, ProcessStart
 
 _log = get_logger("link")
@@ -125,13 +125,15 @@ class LinkClient:
         self._fault = why
 
     def _done(self, now_ns: int) -> bool:
-        unattended_ns = now_ns - max(self._heartbeat_ns, self._began_ns)
-        if self._setup.orphaned or unattended_ns > self._setup.config.unattended_s * 1e9:
+        if self._setup.orphaned:
             self.end()  # as control on one host
+        # Without a console control there counts its own time, and then damps for longer: it is not asked to end.
+        silent_ns = now_ns - max(self._heartbeat_ns, self._began_ns)
+        unattended = not self._ending_ns and silent_ns > self._setup.config.unattended_s * 1e9
         # A greeting on its way may begin a session there, which is ended like one whose clock is not known yet.
         nothing_there = self._remote is None or (self._seal is None and self._fault is not None)
         late = self._ending_ns and now_ns - self._ending_ns > END_NS
-        return self._ended or bool(self._ending_ns and nothing_there) or bool(late)
+        return self._ended or unattended or bool(self._ending_ns and nothing_there) or bool(late)
 
     def _wait(self) -> None:
         if self._remote is None:
@@ -198,7 +200,7 @@ class LinkClient:
             if isinstance(message, Welcome):
                 self._welcomed(message)
             elif isinstance(message, Refused):
-                self._fail(message.reason)
+                self._refused(message.reason)
             else:
                 self._take_frame(message, now_ns)
         for datagram in remote.packets():
@@ -210,6 +212,13 @@ class LinkClient:
             self._seal = PacketSeal(connection=welcome.connection, key=welcome.packet_key, at_joints=False)
             self._beats = Beats()
         self._fail(None)
+
+    def _refused(self, why: Reason) -> None:
+        """Another session runs: this one, if it was admitted before, is over, and the frame that says so was lost."""
+        runs = self._seal is not None and why.code == key_of(LinkFault.SESSION_RUNS)
+        if runs or why.code == key_of(LinkFault.SESSION_OVER):
+            self._ended, self._health_ns = True, 0  # the console is told why at once
+        self._fail(why)
 
     def _take_frame(self, frame: ToLaptop, now_ns: int) -> None:
         """What control and the others there say."""
@@ -251,7 +260,7 @@ class LinkClient:
         self._sink.emit(Note(text=reason(notice, **values)))
 
     def _send(self, remote: Remote, now_ns: int) -> None:
-        if remote.must_reconnect(now_ns):
+        if remote.must_reconnect(now_ns, packets_lost=self._beats.newest_ns > 0 and self._beats.lost(now_ns)):
             remote.connect(now_ns)
         if self._seal is None:
             return

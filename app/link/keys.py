@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import platform
 from pathlib import Path
 from typing import TypeVar
@@ -10,7 +11,7 @@ import msgspec
 import zmq
 from msgspec import Struct
 
-from app.link.wire import LinkFault
+from app.link.wire import LinkFault, split_address
 from app.system.errors import AppError
 from app.system.paths import Home
 from logs.disk import Disk
@@ -40,6 +41,11 @@ class Peer(Struct, frozen=True, kw_only=True):
     paired_at: str  # ISO 8601, UTC
     host: str = ""  # where it answers; empty: a laptop, which asks
 
+    @property
+    def fingerprint(self) -> str:
+        """Of its key, hexadecimal: it tells computers of one name apart, and any shell takes it as it is typed."""
+        return hashlib.sha256(self.public.encode()).hexdigest()[:8]
+
 
 class _Peers(Struct, frozen=True, kw_only=True):
     peers: tuple[Peer, ...] = ()
@@ -66,26 +72,32 @@ def peers_of(home: Home) -> tuple[Peer, ...]:
 
 
 def joints_at(home: Home, host: str) -> Peer | None:
-    """The paired exoskeleton's computer at this address."""
-    return next((peer for peer in peers_of(home) if peer.host == host), None)
+    """The paired exoskeleton's computer at this address. Raises AppError."""
+    return next((peer for peer in peers_of(home) if _is_at(peer, host)), None)
 
 
 def add_peer(home: Home, peer: Peer) -> None:
     """Keep it, in place of an earlier pairing with the same computer. Raises AppError."""
     others = tuple(
-        one for one in peers_of(home) if one.public != peer.public and (not peer.host or one.host != peer.host)
+        one for one in peers_of(home) if one.public != peer.public and not (peer.host and _is_at(one, peer.host))
     )
     write_private(home.link_keys / _PEERS, _Peers(peers=(*others, peer)))
 
 
 def forget_peer(home: Home, name: str) -> Peer:
-    """Forget a computer by its name or address: it is not admitted from its next connection on. Raises AppError."""
+    """Forget a computer by name, address or its key's fingerprint: its next connection is refused. Raises AppError."""
     known = peers_of(home)
-    gone = next((one for one in known if name in {one.name, one.host}), None)
-    if gone is None:
-        raise AppError(LinkFault.NO_SUCH_PEER, name=name)
+    found = [one for one in known if name in {one.name, one.host, one.fingerprint}]
+    if len(found) != 1:
+        raise AppError(LinkFault.AMBIGUOUS_PEER if found else LinkFault.NO_SUCH_PEER, name=name)
+    (gone,) = found
     write_private(home.link_keys / _PEERS, _Peers(peers=tuple(one for one in known if one is not gone)))
     return gone
+
+
+def _is_at(peer: Peer, host: str) -> bool:
+    """Whether both are one address, however they are written; a laptop has none."""
+    return bool(peer.host) and split_address(peer.host) == split_address(host)
 
 
 def write_private(path: Path, value: Struct) -> None:

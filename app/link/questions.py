@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-import re
 import socket
 import time
 from contextlib import closing
 
 import msgspec
 from msgspec import Struct
+from msgspec.structs import replace
 
 from app.link.clock import RoundTrip, update
 from app.link.keys import joints_at
 from app.link.packets import MAX_BYTES
-from app.link.wire import PORT, VERSION, LinkFault, program
+from app.link.wire import VERSION, LinkFault, program, split_address
 from app.system.errors import AppError
 from app.system.paths import Home
 from logs.reading.errors import UNDECODABLE
@@ -22,20 +22,10 @@ from logs.reason import Reason, reason
 PLAIN = 2  # the first byte
 ANSWER_S = 2.0
 REPEAT_S = 0.2  # a packet may be lost
-_FORM = re.compile(r"(?P<host>[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?)(:(?P<port>[0-9]{1,5}))?")
-
-
-def split_address(text: str) -> tuple[str, int]:
-    """Host and port of `exo.local:7447`; without a port the usual one. Raises AppError."""
-    match = _FORM.fullmatch(text)
-    port = int(match["port"] or PORT) if match else 0
-    if match is None or not 0 < port < 65536:
-        raise AppError(LinkFault.BAD_ADDRESS, address=text)
-    return match["host"], port
 
 
 def resolve(text: str) -> tuple[str, int]:
-    """The same with the host's IPv4 address. Raises AppError."""
+    """IPv4 address and port of a host. Raises AppError."""
     host, port = split_address(text)
     try:
         found = socket.getaddrinfo(host, port, socket.AF_INET, socket.SOCK_DGRAM)
@@ -160,8 +150,9 @@ class Asking:
 
     def _ask_once(self, question: Question) -> Answer | None:
         until = time.monotonic() + REPEAT_S
+        sent = replace(question, asked_ns=time.monotonic_ns()) if isinstance(question, Who) else question
         try:
-            self._socket.send(encode(question))
+            self._socket.send(encode(sent))
             while (left_s := until - time.monotonic()) > 0:
                 self._socket.settimeout(left_s)
                 answer = _answer_in(self._socket.recv(MAX_BYTES + 1))
@@ -183,7 +174,7 @@ def _answer_in(datagram: bytes) -> Answer | None:
 
 def _answers_it(question: Question, answer: Answer) -> bool:
     if isinstance(question, Who):
-        return isinstance(answer, Here) and answer.asked_ns == question.asked_ns
+        return isinstance(answer, Here) and answer.asked_ns >= question.asked_ns  # to one of its repetitions
     # A question that was repeated is answered twice: the second answer is none to the next question.
     usual = PairAnswer if isinstance(question, PairBegin) else PairDone
     return isinstance(answer, usual | PairRefused) and answer.exchange == question.exchange

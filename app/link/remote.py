@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import socket
 from collections.abc import Iterator
 from contextlib import suppress
 
@@ -39,8 +40,8 @@ class Remote:
         self.host = host
         self._key, self._their_key = own_key(home), peer.public
         self._where = resolve(host)
-        self._packets = connected(host, self._where)
-        self._packets.setblocking(False)
+        self.poller = zmq.Poller()
+        self._open_packets(connected(host, self._where))
         self._operator = ""  # who took over at the laptop
         self._request = SessionRequest(
             session=setup.session,
@@ -51,8 +52,6 @@ class Remote:
         )
         self._context: zmq.Context[zmq.Socket[bytes]] = zmq.Context()
         self._frames: zmq.Socket[bytes] | None = None
-        self.poller = zmq.Poller()
-        self.poller.register(self._packets, zmq.POLLIN)
         self.flight = Flight()
         self.commands_sent = 0
         self._welcome = False
@@ -66,11 +65,11 @@ class Remote:
         """Whether a frame may leave now."""
         return self._welcome and self.flight.is_open
 
-    def must_reconnect(self, now_ns: int) -> bool:
-        """Whether the connection is not there or has stalled."""
+    def must_reconnect(self, now_ns: int, *, packets_lost: bool) -> bool:
+        """Whether the connection is not there or has stalled; packets_lost: they came, and have not for too long."""
         if self._frames is None:
             return True
-        if not self._welcome:
+        if not self._welcome or packets_lost:
             return now_ns - self._connected_ns > self._patience_ns
         return self.flight.waits_ns(now_ns) > self._patience_ns
 
@@ -85,6 +84,7 @@ class Remote:
     def connect(self, now_ns: int) -> None:
         """A new connection, which greets; what was under way on the old one is repeated or newer now."""
         self._close_frames()
+        self._renew_packets()
         frames = self._frames = self._context.socket(zmq.DEALER)
         options = (
             (zmq.LINGER, 0),
@@ -142,6 +142,21 @@ class Remote:
         self._close_frames(linger_ms=200)
         self._packets.close()
         self._context.term()
+
+    def _renew_packets(self) -> None:
+        """A socket keeps the address that this computer had when it was opened."""
+        try:
+            new = connected(self.host, self._where)
+        except AppError:  # no way there now: the old one may have one again
+            return
+        self.poller.unregister(self._packets)
+        self._packets.close()
+        self._open_packets(new)
+
+    def _open_packets(self, packets: socket.socket) -> None:
+        packets.setblocking(False)
+        self._packets = packets
+        self.poller.register(packets, zmq.POLLIN)
 
     def _close_frames(self, linger_ms: int = 0) -> None:
         if self._frames is not None:

@@ -32,7 +32,9 @@ from app.link.order import Inbox
 from app.link.wire import LinkFault, LinkNotice, SessionRequest, StopMark, mark_of
 from app.session.host import SessionHost, make_setup
 from app.session.shared import held_session
+from app.system.authority import Proof
 from app.system.config import Config, SessionSetup
+from app.system.configure import record_outside_change
 from app.system.errors import AppError
 from app.system.paths import Home
 from logs.reading.errors import CodedError
@@ -45,6 +47,7 @@ STOPS_KEPT = 32
 NEVER_STALE = frozenset(
     {*STOP_KINDS, OperatorKind.DISARM, OperatorKind.SHUT_DOWN, OperatorKind.TAKE_OVER, OperatorKind.HEARTBEAT}
 )
+REFUSED_BY_AGE = frozenset({OperatorKind.ARM, OperatorKind.ACT})  # by control, which shows why
 
 
 class ServedSession:
@@ -87,6 +90,8 @@ class ServedSession:
     def begun(cls, home: Home, config: Config, request: SessionRequest, workers: Executor) -> ServedSession:
         """A new one. Raises AppError when it can't be begun."""
         check_request(config, request)
+        if not config.joints.emulated:  # only a PIN signs in for a session
+            record_outside_change(home, request.operator, request.role, Proof.PIN)
         setup = make_setup(home, config, request.profile, None, permission=None)
         names = {"session": request.session, "operator": request.operator, "role": request.role}
         return cls(replace(setup, linked=True, **names), workers, held=False)
@@ -203,8 +208,10 @@ class ServedSession:
             return
         command = localized(given, clock)
         age_ns = now_ns - command.sent_ns
-        stale = age_ns > LOST_NS or command.sent_ns < self._returned_ns
-        if command.kind not in NEVER_STALE and stale:
+        if mark is not None and self._precedes_return(command):
+            # An earlier process may have handed it on, by another estimate: it must not look like a later press.
+            command = replace(command, sent_ns=command.sent_ns - 2 * clock.uncertainty_ns)
+        if self._is_stale(command, age_ns):
             self.note(LinkNotice.COMMAND_STALE, command=command.kind.value, age_s=age_ns / 1e9)
             return
         # As adopted, too: a packet with the new lease may have overtaken the command.
@@ -219,6 +226,17 @@ class ServedSession:
                 self._handed[self._sequence] = mark
                 self._handed = dict(list(self._handed.items())[-STOPS_KEPT:])
             self._send(replace(command, lease=lease, sequence=self._sequence))
+
+    def _precedes_return(self, command: OperatorCommand) -> bool:
+        """Whether it was given before the takeover of the laptop's return, or that is still due."""
+        return self._must_take_over or command.sent_ns < self._returned_ns
+
+    def _is_stale(self, command: OperatorCommand, age_ns: int) -> bool:
+        if command.kind in NEVER_STALE:
+            return False
+        if age_ns > LOST_NS:
+            return command.kind not in REFUSED_BY_AGE
+        return self._precedes_return(command)
 
     def _take_over(self, sent_ns: int, operator: str) -> None:
         self._lease += 1

@@ -20,7 +20,7 @@ from app.link.beats import Beats, health_of
 from app.link.clock import localized
 from app.link.keys import peers_of
 from app.link.order import Flight
-from app.link.packets import PacketSeal, new_packet_key
+from app.link.packets import SEALED, PacketSeal, new_packet_key
 from app.link.pairing import PairingDesk
 from app.link.port import JointsPort
 from app.link.questions import (
@@ -98,6 +98,7 @@ class JointsServer:
         self._encode = msgspec.msgpack.Encoder().encode
         self._laptop: Laptop | None = None
         self._session = ServedSession.resumed(home, workers)
+        self._resuming = self._session is not None  # its laptop may still send to the process before
         self._ended_ns = 0
         self._ended_frame = 0  # the first frame behind this one says so
         self._foreign = 0
@@ -159,8 +160,12 @@ class JointsServer:
             self._send_frame(session, laptop, now_ns)
             if not self._must_end or laptop.flight.acknowledged <= self._ended_frame:
                 return
+        self._forget(session)
+
+    def _forget(self, session: ServedSession) -> None:
         session.close_links()
         self._session = self._laptop = None
+        self._resuming = False
         self._ended_ns = 0
         self._wait_for_snapshots()
 
@@ -176,7 +181,7 @@ class JointsServer:
             self._greet(identity, user, message)
         elif self._laptop is not None and identity == self._laptop.identity:
             self._take(self._laptop, message)
-        else:
+        elif not self._resuming:
             self._foreign += 1
 
     def _refuse_other_version(self, identity: bytes, content: bytes) -> None:
@@ -209,7 +214,11 @@ class JointsServer:
     def _admit(self, identity: bytes, user: str, hello: Hello) -> None:
         session, laptop, request = self._session, self._laptop, hello.request
         if session is not None and session.name != request.session:
-            raise AppError(LinkFault.SESSION_RUNS, session=session.name)
+            knows_end = session.ended and laptop is not None and laptop.user == user  # it asks for its next one
+            if self._must_end or not knows_end:
+                raise AppError(LinkFault.SESSION_RUNS, session=session.name)
+            self._forget(session)
+            session = laptop = None
         if laptop is not None and laptop.user != user:
             raise AppError(LinkFault.ANOTHER_LAPTOP, session=request.session)
         if laptop is not None:
@@ -273,14 +282,21 @@ class JointsServer:
             self._heed(laptop, packet, where, now_ns)
         elif (question := question_in(datagram)) is not None:
             self._answer(question, where, now_ns)
-        elif laptop is None or not laptop.seal.is_late(datagram):
+        elif not self._is_late(datagram):
             self._foreign += 1
+
+    def _is_late(self, datagram: bytes) -> bool:
+        """Whether a packet that was not taken may be the laptop's: overtaken, or sealed for the process before."""
+        if self._resuming:
+            return datagram[:1] == bytes([SEALED])
+        return self._laptop is not None and self._laptop.seal.is_late(datagram)
 
     def _heed(self, laptop: Laptop, packet: Packet, where: tuple[str, int], now_ns: int) -> None:
         beats, session = laptop.beats, self._session
         before_ns, steps = beats.newest_ns, beats.steps
         returned = beats.take(packet, now_ns)
         laptop.where = where
+        self._resuming = False
         if session is None:
             return
         session.adopt_lease(packet.lease)

@@ -6,6 +6,7 @@ and the clocks' moments, every 20 ms, in each direction.
 
 from __future__ import annotations
 
+import re
 from enum import Enum, auto
 from importlib.metadata import version
 
@@ -20,6 +21,7 @@ from app.ipc.messages import (
     ProcessStatus,
     TriggerReport,
 )
+from app.system.errors import AppError
 from logs.reason import Reason
 from profiles.schema import Profile
 
@@ -27,6 +29,7 @@ VERSION = 3  # of the messages here and of those that they carry; another one is
 PORT = 7447
 FRAMES_IN_FLIGHT = 6  # more would be a backlog after a cut: what is newer replaces what could not be sent
 COMMANDS_A_FRAME = 16
+_ADDRESS = re.compile(r"(?P<host>[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?)(:(?P<port>[0-9]{1,5}))?")
 
 
 class LinkFault(Enum):
@@ -53,6 +56,7 @@ class LinkFault(Enum):
     NO_CODE = auto()  # host
     NO_SERVICE = auto()  # home
     NO_SUCH_PEER = auto()  # name
+    AMBIGUOUS_PEER = auto()  # name
     KEYS_DAMAGED = auto()  # path
 
 
@@ -66,6 +70,15 @@ class LinkNotice(Enum):
     PEER_REFUSED = auto()  # laptop, why
     CLOCK_STEPPED = auto()  # step_s
     OTHER_CLOCK_STEPPED = auto()  # step_s
+
+
+def split_address(text: str) -> tuple[str, int]:
+    """Host, in small letters, and port of `exo.local:7447`; without a port the usual one. Raises AppError."""
+    match = _ADDRESS.fullmatch(text)
+    port = int(match["port"] or PORT) if match else 0
+    if match is None or not 0 < port < 65536:
+        raise AppError(LinkFault.BAD_ADDRESS, address=text)
+    return match["host"].lower(), port
 
 
 def program() -> str:

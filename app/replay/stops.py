@@ -9,6 +9,7 @@ from msgspec.structs import replace
 from app.control.events.row import Latch
 from app.control.events.table import ORDER, ROW
 from app.control.gait.machine import Change, Gait
+from app.control.requests import presses_after
 from app.ipc.states import Effect, Event, Outcome, StopSource
 from app.replay.difference import Difference, difference, differences
 from logs import records as r
@@ -25,6 +26,7 @@ class StopReplay:
 
     def __init__(self) -> None:
         self._presses = 0  # of the key, since the last acknowledgement
+        self._press_ns = 0  # when the newest was sent
         self._voice_stopped = False  # by voice, since then
         self._states: dict[int, tuple[str, str]] = {}  # moment of a STOP → its event, the gait state then
         self._acknowledged: set[str] = set()  # events that are still raised
@@ -87,12 +89,13 @@ class StopReplay:
         yield from differences(record, replace(body, effect=effect.name.lower(), state=state))
 
     def _raised_by(self, body: r.Stop) -> tuple[str, Effect]:
-        """The event that this STOP raises, and its effect; the word said again and a third press raise nothing."""
+        """The event that this STOP raises, and its effect; the word said again, a third press or a late one: none."""
         if body.by == StopSource.VOICE.value:
             again, self._voice_stopped = self._voice_stopped, True
             return "" if again else Event.VOICE_STOP.value, Effect.HOLD
-        self._presses += 1
-        raises = KEY_STOPS[self._presses - 1] if self._presses <= len(KEY_STOPS) else ""
+        before, self._presses = self._presses, presses_after(self._presses, self._press_ns, body.sent_ns)
+        self._press_ns = body.sent_ns
+        raises = KEY_STOPS[before] if before < min(self._presses, len(KEY_STOPS)) else ""
         return raises, Effect.HOLD if self._presses == 1 else Effect.DAMP
 
     def _in_force(

@@ -8,16 +8,30 @@ plural form is chosen by its value `count`.
 from __future__ import annotations
 
 import gettext
+from collections.abc import Mapping, Sequence
 from enum import Enum
 from functools import cache, lru_cache
 from math import degrees
 from pathlib import Path
 from string import Formatter
+from typing import Any
 
 from app.system.errors import AppError
 from logs.reason import Reason, key_of, reason_of
 
-__all__ = ["be_strict", "key_of", "knows", "language", "languages", "load", "render", "tr", "use_language"]
+__all__ = [
+    "ask_language",
+    "be_strict",
+    "key_of",
+    "knows",
+    "language",
+    "languages",
+    "load",
+    "render",
+    "tr",
+    "use_configured",
+    "use_language",
+]
 
 LOCALES = Path(__file__).with_name("locales")
 COMPLETE = "en"  # the language that has every message
@@ -44,6 +58,7 @@ class MissingTextError(LookupError):
 
 class _State:
     language = "en"
+    asked = ""  # on the command line; goes before the configuration's
     strict = False
 
 
@@ -60,6 +75,18 @@ def use_language(wanted: str) -> None:
         raise AppError(TextFault.NO_SUCH_LANGUAGE, language=wanted, known=", ".join(known))
     load(wanted)
     _State.language = wanted
+
+
+def ask_language(wanted: str) -> None:
+    """Speak this language whatever the configuration names; empty: the configuration's. Raises as `use_language`."""
+    if wanted:
+        use_language(wanted)
+    _State.asked = wanted
+
+
+def use_configured(configured: str) -> None:
+    """Speak the configuration's language, unless another was asked for. Raises as `use_language`."""
+    use_language(_State.asked or configured)
 
 
 def language() -> str:
@@ -137,13 +164,21 @@ def _text(value: object) -> str:
     return str(value)
 
 
+_ABSENT = object()  # the detail of an event that had none in an older trail
+
+
 class _Units(Formatter):
     """`str.format` with units, with codes inside, and `{detail:in_brackets}` for what may be empty."""
 
+    def get_value(self, key: int | str, args: Sequence[Any], kwargs: Mapping[str, Any]) -> object:
+        return kwargs.get(key, _ABSENT) if key == "detail" else super().get_value(key, args, kwargs)
+
     def format_field(self, value: object, format_spec: str) -> str:
         if format_spec == "in_brackets":
-            text = _text(value).rstrip(".。")
+            text = "" if value is _ABSENT else _text(value).rstrip(".。")
             return f" ({text})" if text else ""
+        if value is _ABSENT:
+            raise KeyError("detail")
         unit, _, digits = format_spec.partition(".")
         if unit in _UNITS and isinstance(value, int | float):
             convert, usual = _UNITS[unit]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from babel.messages.mofile import write_mo
@@ -19,7 +20,7 @@ def compile_catalogues(folder: Path = LOCALES) -> list[Path]:
             continue
         with source.open("rb") as file:
             catalogue = read_po(file, locale=source.parts[-3], domain=source.stem)
-        partial = target.with_suffix(".mo.partial")
+        partial = target.with_suffix(f".{os.getpid()}.partial")  # others may compile at the same time
         with partial.open("wb") as file:
             write_mo(file, catalogue)
         partial.replace(target)

@@ -21,21 +21,26 @@ _ENUMERATIONS: dict[str, type[Enum]] = {
     "to_effect": Effect,
     "gesture": Gesture,
     "outcome": Outcome,
+    "running": Action,
     "source": Source,
     "from_state": GaitState,
     "state": GaitState,
     "to_state": GaitState,
 }
-# Fields of enumerations that are not loaded here, and the class in their members' keys.
+# Fields of enumerations that are not loaded here, and the classes in their members' keys.
 _CLASSES = {
-    "by": "StopSource",
-    "change": "OperatorChange",
-    "joint": "Joint",
-    "phase": "Phase",
-    "proof": "Proof",
-    "role": "Role",
-    "subject": "Subject",
-    "test": "GuidedTest",
+    "by": ("StopSource",),
+    "change": ("OperatorChange",),
+    "contact": ("Contact",),
+    "intrinsics_source": ("IntrinsicsSource",),
+    "joint": ("Joint",),
+    "method": ("ReferenceSource",),
+    "phase": ("Phase",),
+    "proof": ("Proof",),
+    "role": ("Role", "InputRole"),
+    "state": ("DriveState",),
+    "subject": ("Subject",),
+    "test": ("GuidedTest",),
 }
 
 
@@ -52,10 +57,11 @@ def result_text(result: GuidedTestResult) -> str:
 
 
 def _named(field: str, value: object) -> object:
-    if field in _CLASSES:
-        member = f"{_CLASSES[field]}.{str(value).upper().replace(' ', '_')}"
-        keys = (member, f"recorded.{value}")  # a demonstration: no role
-        return next((Reason(key) for key in keys if knows(key)), value)
     members = _ENUMERATIONS.get(field, ())
     named = next((each for each in members if value in (each.value, each.name.lower())), None)
-    return named if named is not None and knows(key_of(named)) else value
+    if named is not None:
+        return named if knows(key_of(named)) else value
+    member = str(value).upper().replace(" ", "_").replace("-", "_")
+    keys = [f"{kind}.{member}" for kind in _CLASSES.get(field, ())]
+    keys += [f"recorded.{value}"] if keys else []  # a demonstration: no role
+    return next((Reason(key) for key in keys if knows(key)), value)

@@ -9,6 +9,7 @@ from app.console.state import SessionState
 from app.console.widgets.curves import joint_fault, joint_line
 from app.console.widgets.panel import Line, Lines, Part, fitted, plain, wrapped
 from app.ipc.messages import ControlSnapshot, LinkHealth
+from app.ipc.streams import LINK, NS_PER_MS
 from app.text.catalogue import render, tr
 from hal.joints.device import Joint, JointDevice
 
@@ -57,7 +58,7 @@ def health_lines(state: SessionState, devices: tuple[JointDevice, ...], width: i
         return (plain(*dot), plain(tr("health.waiting"), "$foreground-muted"))
     sections = ("health.camera", _camera(state, snapshot)), ("health.control", _control(snapshot))
     lines: list[Line] = [plain(*dot)]
-    remote = () if state.link is None else (("health.link", _link(state.link)),)
+    remote = () if state.link is None else (("health.link", _link(state.link, state.now_ns)),)
     for title, texts in (*sections, *remote, ("health.links", _links(state))):
         lines.append(plain(tr(title), "bold $primary"))
         lines += [plain(f"  {part}", style) for text, style in texts for part in wrapped(text, width - 2)]
@@ -82,11 +83,12 @@ def _control(snapshot: ControlSnapshot) -> list[Part]:
     return [(f"! {text}" if slow else text, "bold $warning" if slow else ""), (tr(real_time[0]), real_time[1])]
 
 
-def _link(link: LinkHealth) -> list[Part]:
+def _link(link: LinkHealth, now_ns: int) -> list[Part]:
     """Round trip, loss and clocks; in words that the other computer does not answer, when it does not."""
     if link.fault is not None:
         return [(render(link.fault), "bold $error")]
-    if not link.connected or link.uncertainty_ns is None:
+    silent = now_ns - link.at_ns > LINK.stale_ms * NS_PER_MS  # the link's process here
+    if silent or not link.connected or link.uncertainty_ns is None:
         return [(tr("health.link_lost", host=link.host), "bold $error")]
     quality = tr(
         "health.link_quality",

@@ -23,7 +23,7 @@ from testing.fake_host import FakeHost
 
 MS = 1_000_000
 LINK = LinkHealth(
-    at_ns=0,
+    at_ns=1_000 * MS,
     host="exo.local:7447",
     connected=True,
     round_trip_ms=7.25,
@@ -70,6 +70,13 @@ def test_a_process_that_ended_on_the_other_computer_is_bad() -> None:
 
 def test_a_link_that_does_not_answer_says_so() -> None:
     assert "exo.local:7447 does not answer" in text_of(folded(link=with_fields(LINK, connected=False)))
+
+
+@pytest.mark.parametrize(("age_ms", "current"), [(1_000, True), (1_001, False)])
+def test_figures_of_a_link_whose_process_is_silent_are_not_shown_as_current(age_ms: int, current: bool) -> None:
+    shown = text_of(folded(link=with_fields(LINK, at_ns=(1_000 - age_ms) * MS)))
+    assert ("7.2 ms" in shown) is current
+    assert ("exo.local:7447 does not answer" in shown) is not current
 
 
 def test_why_there_is_no_session_takes_the_place_of_events() -> None:

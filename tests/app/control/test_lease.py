@@ -136,6 +136,33 @@ def test_a_takeover_after_stop_is_no_second_stop() -> None:
     assert now(rig).stop_presses == 1
 
 
+@pytest.mark.parametrize("spoken", [False, True])
+def test_a_stop_pressed_while_the_link_was_lost_holds_after_its_takeover_and_a_second_one_damps(spoken: bool) -> None:
+    rig = standing()
+    rig.lease, rig._sequence = 2, 0
+    rig.send(K.TAKE_OVER)
+    if spoken:
+        rig.send(K.VOICE_STOP, age_ms=1800)
+    rig.send(K.STOP, age_ms=1500)
+    rig.tick(2)
+    assert (now(rig).effect, now(rig).stop_presses) == (Effect.HOLD, 1)
+    rig.send(K.STOP, age_ms=1000)
+    rig.tick(2)
+    assert (now(rig).effect, now(rig).stop_presses) == (Effect.DAMP, 2)
+    assert [stop.effect for stop in records_of(rig, records.Stop) if stop.by == "key"] == ["hold", "damp"]
+
+
+def test_a_second_stop_that_a_takeover_overtook_damps() -> None:
+    rig = standing()
+    rig.send(K.STOP)
+    rig.tick(1000)
+    rig.lease, rig._sequence = 2, 0
+    rig.send(K.TAKE_OVER)
+    rig.send(K.STOP, age_ms=1500)
+    rig.tick(2)
+    assert now(rig).effect is Effect.DAMP
+
+
 def test_the_earlier_console_moves_nothing_and_keeps_nothing_alive_but_its_stop_is_heard() -> None:
     rig = standing()
     take_over(rig)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import socket
 import threading
 import time
@@ -17,6 +18,7 @@ from app.link import pairing
 from app.link.keys import Peer, add_peer, forget_peer, joints_at, own_key, peers_of
 from app.link.pairing import Offer, PairingDesk, pair, write_offer
 from app.link.questions import (
+    REPEAT_S,
     Answer,
     PairAnswer,
     PairBegin,
@@ -48,8 +50,12 @@ class Joints:
     begun: list[PairBegin] = field(default_factory=list)
     malformed: bytes = b""  # instead of its half of an exchange
     answers: int = 1  # to each packet, as when it was repeated
+    lost: int = 0  # packets that still get lost on their way
 
     def answer(self, datagram: bytes) -> bytes | None:
+        if self.lost:
+            self.lost -= 1
+            return None
         question, now_ns = question_in(datagram), time.monotonic_ns()
         desk = self._desk
         reply: Answer
@@ -71,6 +77,16 @@ class Joints:
 
     def offer(self, left: int = pairing.EXCHANGES, lasts_s: float = 60.0) -> None:
         write_offer(self.home, Offer(code=CODE, expires_s=time.time() + lasts_s, left=left))
+
+
+class Late(Joints):
+    """Its answer to each question comes after that has been repeated."""
+
+    _before: bytes = b""
+
+    def answer(self, datagram: bytes) -> bytes | None:
+        before, self._before = self._before, datagram
+        return super().answer(before)
 
 
 @contextmanager
@@ -200,6 +216,19 @@ def test_who_answers_is_found_with_its_clock(joints: Joints) -> None:
     assert abs(found.offset_ns) <= found.uncertainty_ns, "the same clock"
 
 
+def test_the_round_trip_is_that_of_the_question_that_is_answered_not_of_a_lost_one_before(joints: Joints) -> None:
+    joints.lost = 1
+    found = find(joints.host)
+    assert found.round_trip_ns < REPEAT_S * 1e9
+    assert abs(found.offset_ns) <= found.uncertainty_ns
+
+
+def test_an_answer_that_takes_longer_than_a_repetition_is_one(tmp_path: Path) -> None:
+    with answering(Late(Home(tmp_path / "joints"))) as there:
+        found = find(there.host)
+    assert found.round_trip_ns >= 0.9 * REPEAT_S * 1e9
+
+
 def test_nobody_answers(tmp_path: Path) -> None:
     with pytest.raises(AppError) as refused:
         find("127.0.0.1:9", limit_s=0.3)
@@ -234,3 +263,28 @@ def test_forgetting_takes_one_away(laptop: Home) -> None:
     with pytest.raises(AppError) as refused:
         forget_peer(laptop, "two")
     assert refused.value.code is LinkFault.NO_SUCH_PEER
+
+
+def test_of_two_with_one_name_the_fingerprint_tells_which_is_forgotten(tmp_path: Path) -> None:
+    home, keys = Home(tmp_path), ("-x7&Qb$1" + "A" * 32, "b(7&Qb$1" + "A" * 32)
+    for key in keys:
+        add_peer(home, Peer(name="laptop", public=key, paired_at=""))
+    shown = peers_of(home)[1].fingerprint
+    assert re.fullmatch("[0-9a-f]{8}", shown), "to be typed in any shell"
+    for name, fault in (("laptop", LinkFault.AMBIGUOUS_PEER), (shown[:7], LinkFault.NO_SUCH_PEER)):
+        with pytest.raises(AppError) as refused:
+            forget_peer(home, name)
+        assert refused.value.code is fault
+        assert [peer.public for peer in peers_of(home)] == [*keys], "nobody is forgotten"
+    assert forget_peer(home, shown).public == keys[1]
+    assert forget_peer(home, "laptop").public == keys[0]
+
+
+@pytest.mark.parametrize("address", ["exo.local", "exo.local:7447", "EXO.local"])
+def test_one_address_is_found_however_it_is_written(laptop: Home, address: str) -> None:
+    for key, host in (("k1", "exo.local:7448"), ("k2", "exo.local:7447"), ("k3", "Exo.local")):
+        add_peer(laptop, Peer(name="exo", public=key, paired_at="", host=host))
+    found = joints_at(laptop, address)
+    assert found is not None
+    assert found.public == "k3"
+    assert [peer.public for peer in peers_of(laptop)] == ["k1", "k3"], "the newer pairing takes the older one's place"

@@ -4,15 +4,19 @@ from __future__ import annotations
 
 import errno
 import socket
+import time
 from contextlib import closing
 from pathlib import Path
 
+import msgspec
 import pytest
 
+from app.demo.two_hosts import free_port
 from app.link.keys import Peer, add_peer, own_key
+from app.link.port import JointsPort
 from app.link.questions import find, why_silent
-from app.link.remote import Remote
-from app.link.wire import LinkFault
+from app.link.remote import RETRY_NS, Remote
+from app.link.wire import VERSION, LinkFault, Welcome, program
 from app.session.host import make_setup
 from app.system.config import Config, JointsConfig, SessionSetup
 from app.system.errors import AppError
@@ -20,6 +24,7 @@ from app.system.paths import Home
 from logs.reason import key_of
 from profiles.schema import DEMO_PATIENT
 
+PATIENCE_S = 30.0
 NO_WAY = "255.255.255.255:7447"  # the kernel connects no socket to everybody, as to a network without a route
 
 
@@ -43,6 +48,52 @@ def test_packets_that_a_firewall_rejects_are_none(tmp_path: Path, monkeypatch: p
     with closing(Remote(paired_with(Home(tmp_path), "127.0.0.1:7447"))) as remote:
         remote.send_packet(b"x")
         assert list(remote.packets()) == []
+
+
+def test_a_new_connection_has_a_new_socket_for_packets(tmp_path: Path) -> None:
+    """An old one keeps the address that the laptop had: on another network nothing would leave, or come back."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as joints:
+        joints.bind(("127.0.0.1", 0))
+        joints.settimeout(PATIENCE_S)
+        host = f"127.0.0.1:{joints.getsockname()[1]}"
+        with closing(Remote(paired_with(Home(tmp_path), host))) as remote:
+            seen = []
+            for number in range(2):
+                remote.connect(number + 1)
+                remote.send_packet(b"there")
+                seen.append(joints.recvfrom(100)[1])
+                joints.sendto(b"back", seen[-1])
+                assert dict(remote.poller.poll(1000 * int(PATIENCE_S)))
+                assert list(remote.packets()) == [b"back"]
+    assert seen[0] != seen[1]
+
+
+def test_a_new_connection_without_a_way_there_keeps_its_socket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with closing(Remote(paired_with(Home(tmp_path), "127.0.0.1:7447"))) as remote:
+        before = remote._packets
+        with monkeypatch.context() as moved:
+            moved.setattr(remote, "_where", ("255.255.255.255", 7447))
+            remote._renew_packets()
+        assert remote._packets is before
+        remote.send_packet(b"x")
+
+
+def test_lost_packets_ask_for_a_new_connection_although_frames_come(tmp_path: Path) -> None:
+    home, number = Home(tmp_path), free_port()
+    setup = paired_with(home, f"127.0.0.1:{number}")
+    with closing(JointsPort(home, number)) as joints, closing(Remote(setup)) as remote:
+        remote.connect(1)
+        deadline = time.monotonic() + PATIENCE_S
+        while not remote.may_send:
+            assert time.monotonic() < deadline, "no welcome came"
+            joints.wait(20)
+            for identity, _, _ in joints.frames():
+                welcome = Welcome(link=VERSION, program=program(), connection=1, packet_key=b"")
+                joints.send_frame(identity, msgspec.msgpack.encode(welcome))
+            list(remote.frames(2))
+        assert not remote.must_reconnect(RETRY_NS + 1, packets_lost=True), "it has just been made"
+        assert not remote.must_reconnect(RETRY_NS + 2, packets_lost=False)
+        assert remote.must_reconnect(RETRY_NS + 2, packets_lost=True)
 
 
 def test_without_a_way_there_the_fault_is_told(tmp_path: Path) -> None:

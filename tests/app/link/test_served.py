@@ -13,15 +13,21 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
+from app.control.requests import ACT_STALE_MS
 from app.ipc import streams
 from app.ipc.links import OrderedReceiver, Publisher, address
 from app.ipc.messages import OperatorCommand, OperatorKind
+from app.ipc.streams import NS_PER_MS
+from app.link.beats import LOST_NS
 from app.link.clock import ClockEstimate
 from app.link.served import ServedSession
-from app.link.wire import StopMark
+from app.link.wire import SessionRequest, StopMark
 from app.session.host import make_setup
-from app.system.config import Config
+from app.system.config import Config, JointsConfig
 from app.system.paths import Home
+from logs.journal import CHANGES
+from logs.read import records
+from logs.records import Change
 from profiles.schema import DEMO_PATIENT
 from testing.fake_host import STANDING
 
@@ -183,6 +189,53 @@ def test_a_stop_of_a_later_console_is_not_that_of_an_earlier_one_with_its_number
     assert [*there.session.stops] == [earlier, later]
 
 
+def test_a_stop_that_an_earlier_process_handed_on_does_not_look_like_a_later_press(
+    served: Callable[[bool], Served],
+) -> None:
+    """Control may have counted it, by the clock as that process knew it: 400 ns ahead, to 100."""
+    there, before_ns = served(True), 1_000 - 500
+    there.session.adopt_lease(1)
+    stop, later = StopMark(1, 9, 1_000), StopMark(1, 10, 5_000)
+    there.session.hand_stops([stop], ClockEstimate(0, 200, 400), 3_000)  # the takeover is still due
+    there.say(lease=3)
+    there.session.take_over_if_due(4_000)
+    there.session.hand_stops([stop, later], ClockEstimate(0, 200, 400), 5_000)
+    again, _, pressed = there.control_received(3)
+    assert again.sent_ns <= before_ns
+    assert pressed.sent_ns == 4_600
+
+
+def test_keys_that_are_too_old_go_to_control_which_shows_that_it_refuses_them(
+    served: Callable[[bool], Served],
+) -> None:
+    there = served(False)
+    kinds = (K.ARM, K.ACT, K.ACKNOWLEDGE, K.CONFIRM_PATIENT, K.TORQUE_OFF)
+    there.session.hand_commands(
+        [OperatorCommand(sequence=number, kind=kind, sent_ns=1) for number, kind in enumerate(kinds, 1)],
+        SAME_CLOCK,
+        LOST_NS + 2,
+    )
+    assert [one.kind for one in there.control_received(2)] == [K.ARM, K.ACT]
+    assert ACT_STALE_MS * NS_PER_MS < LOST_NS, "control refuses them"
+
+
 def acknowledged(there: Served) -> list[tuple[int, int]]:
     """The STOPs that the laptop is told of."""
     return [(one.lease, one.sequence) for one in there.session.stops]
+
+
+def test_what_an_editor_changed_here_is_on_record_under_the_laptops_operator(tmp_path: Path) -> None:
+    home = Home(tmp_path)
+    request = SessionRequest(
+        session="20261121T093000Z-0a1b", profile=DEMO_PATIENT, operator="ann", role="therapist", signed_in=True
+    )
+    home.config.write_text('[joints]\nkind = "can"\n')
+    for interface in ("local", "", ""):  # emulated, then twice real
+        config = Config(joints=JointsConfig(kind="can", interface=interface))
+        session = ServedSession.begun(home, config, request, NoWorkers())
+        assert (home.logs / CHANGES).exists() is not config.joints.emulated
+        session.leave()
+    (record,) = (one for one in records(home.logs / CHANGES) if isinstance(one.body, Change))
+    assert isinstance(record.body, Change)
+    assert (record.operator, record.body.role, record.body.proof) == ("ann", "therapist", "pin")
+    assert record.body.subject == "configuration"

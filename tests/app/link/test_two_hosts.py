@@ -121,8 +121,9 @@ def test_a_short_cut_at_rest_changes_nothing_by_itself(bed: Bed) -> None:
 def test_a_lost_link_in_a_walk_holds_and_its_return_moves_nothing(bed: Bed) -> None:
     bed.session.walk(steps=1)
     bed.relay.cut = True
-    bed.session.send(OperatorKind.ARM)  # both expire on the way
+    bed.session.send(OperatorKind.ARM)  # all expire on the way
     bed.session.send(OperatorKind.ACT, Action.INITIALISE)
+    bed.session.send(OperatorKind.ACKNOWLEDGE)
     bed.session.go_on(2.0 * LOST_NS / 1e9)
     bed.relay.cut = False
     now = bed.session.until(lambda now: any(one.event is Event.STOP for one in now.events), "as a takeover")

@@ -117,6 +117,19 @@ def test_presses_after_an_acknowledgement_that_covers_nothing_are_counted_again_
     assert replay(trail(bodies, "control")).differences == ()
 
 
+def test_presses_that_a_takeover_overtook_are_counted_again_as_control_counted_them() -> None:
+    rig = begun()
+    rig.act(A.INITIALISE)
+    rig.lease, rig._sequence = 2, 0
+    for kind, age_ms in ((K.TAKE_OVER, 0), (K.VOICE_STOP, 1800), (K.STOP, 1500), (K.STOP, 1000), (K.STOP, 2000)):
+        rig.send(kind, age_ms=age_ms)
+        rig.tick()
+    rig.tick(5)
+    bodies = [limits_record(SETTINGS), *rig.audit]
+    assert [body.effect for body in bodies if isinstance(body, r.Stop)] == ["hold", "hold", "hold", "damp", "damp"]
+    assert replay(trail(bodies, "control")).differences == ()
+
+
 def test_whatever_a_refusal_recorded_is_decided_again(session: list[Body]) -> None:
     for place, body in enumerate(session):
         if not isinstance(body, r.Refusal) or body.number:

@@ -1,0 +1,114 @@
+"""The laptop's end of the link with a stand-in for `rleex joints`: when it ends, and what it asks for then."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import msgspec
+import pytest
+from msgspec.structs import replace
+
+from app.demo.two_hosts import free_port
+from app.link.client import LinkClient
+from app.link.keys import Peer, add_peer, own_key
+from app.link.packets import new_packet_key
+from app.link.port import JointsPort
+from app.link.wire import VERSION, FromLaptop, Hello, LinkFault, Refused, ToJoints, Welcome, program
+from app.session.host import make_setup
+from app.system.config import Config, JointsConfig
+from app.system.paths import Home
+from logs.reason import reason
+from profiles.schema import DEMO_PATIENT
+
+PATIENCE_S, UNATTENDED_S = 30.0, 120.0
+WELCOME = Welcome(link=VERSION, program=program(), connection=1, packet_key=new_packet_key())
+OVER, RUNS = (Refused(reason=reason(fault, session="s")) for fault in (LinkFault.SESSION_OVER, LinkFault.SESSION_RUNS))
+
+
+class Joints:
+    """The exoskeleton's computer: it answers each greeting, the last answer again and again, and nothing else."""
+
+    def __init__(self, home: Home, laptop: Home, answers: tuple[Welcome | Refused, ...]) -> None:
+        number = free_port()
+        self.host = f"127.0.0.1:{number}"
+        add_peer(home, Peer(name="laptop", public=own_key(laptop).public, paired_at=""))
+        add_peer(laptop, Peer(name="joints", public=own_key(home).public, paired_at="", host=self.host))
+        self.frames: list[ToJoints] = []
+        self._answers = [*answers]
+        self._port = JointsPort(home, number)
+        self._ending = threading.Event()
+        self._thread = threading.Thread(target=self._serve)
+        self._thread.start()
+
+    def close(self) -> None:
+        self._ending.set()
+        self._thread.join()
+        self._port.close()
+
+    def _serve(self) -> None:
+        decode = msgspec.msgpack.Decoder(FromLaptop).decode
+        while not self._ending.is_set():
+            self._port.wait(20)
+            list(self._port.packets())
+            for identity, _, content in self._port.frames():
+                message = decode(content)
+                if isinstance(message, Hello):
+                    answer = self._answers.pop(0) if len(self._answers) > 1 else self._answers[0]
+                    self._port.send_frame(identity, msgspec.msgpack.encode(answer))
+                else:
+                    self.frames.append(message)
+
+
+Begin = Callable[[tuple[Welcome | Refused, ...]], tuple[LinkClient, Joints]]
+
+
+@pytest.fixture
+def begin(tmp_path: Path) -> Iterator[Begin]:
+    """A laptop's link to joints that answer so."""
+    laptop = Home(tmp_path / "laptop")
+    opened: list[Callable[[], None]] = []
+
+    def linked(answers: tuple[Welcome | Refused, ...]) -> tuple[LinkClient, Joints]:
+        joints = Joints(Home(tmp_path / "joints"), laptop, answers)
+        config = Config(joints=JointsConfig(host=joints.host), unattended_s=UNATTENDED_S)
+        made = make_setup(laptop, config, DEMO_PATIENT, None, permission=None)
+        setup = replace(made, host_pid=os.getppid())
+        link = LinkClient(setup)
+        opened.extend((link.close, joints.close, lambda: shutil.rmtree(setup.links.path)))
+        return link, joints
+
+    yield linked
+    for close in opened:
+        close()
+
+
+def test_without_a_console_it_ends_and_leaves_the_legs_end_to_control(begin: Begin) -> None:
+    """Control damps for longer when nobody is there; asked to end, it would not."""
+    link, joints = begin((WELCOME,))
+    running = threading.Thread(target=link.run)
+    running.start()
+    deadline = time.monotonic() + PATIENCE_S
+    while not joints.frames:
+        assert time.monotonic() < deadline, "no frame came"
+        time.sleep(0.01)
+    link._began_ns -= int(UNATTENDED_S * 1e9)
+    running.join(PATIENCE_S)
+    assert not running.is_alive()
+    assert not any(frame.ends for frame in joints.frames)
+
+
+@pytest.mark.parametrize("answers", [(OVER,), (WELCOME, OVER), (WELCOME, RUNS), (RUNS, WELCOME, OVER)])
+def test_it_ends_with_its_session_and_waits_for_the_end_of_one_before(
+    begin: Begin, answers: tuple[Welcome | Refused, ...]
+) -> None:
+    link, joints = begin(answers)
+    link.run()
+    assert isinstance(answers[-1], Refused)
+    assert link._fault == answers[-1].reason
+    assert bool(joints.frames) is (WELCOME in answers)
+    assert not any(frame.ends for frame in joints.frames)
