@@ -42,6 +42,7 @@ def settings_of(setup: SessionSetup) -> Settings:
         limit_c=np.array([joint.limit_c for joint in device.joints]),
         patient=profile.identifier,
         vocabulary=vocabulary_of(profile),
+        device_high_rad=limits_of(device).high_rad,
         unattended_ns=int(setup.config.unattended_s * 1e9),
     )
 

@@ -78,7 +78,7 @@ class ProgramDiagnostics(Struct, frozen=True, kw_only=True):
     camera_fault: Reason | None = None
     perception_age_ms: float = 0.0
     perception_limit_ms: float = TRIGGER.stale_ms  # longer while the hand model is loading
-    perception_starting: bool = False  # it has not recognised anything yet since the session's start
+    perception_starting: bool = False  # the hand model is loading, at the session's start or after a restart
     console_age_ms: float = 0.0
     audit_age_ms: float = 0.0
     audit_waiting: int = 0
@@ -106,13 +106,13 @@ class JointDiagnostics(Struct, frozen=True, kw_only=True):
     """What joints, drives and bus report; errors are 0 where nothing is held that could err."""
 
     answering: bool = True  # every joint has answered at least once
-    age_ms: float = 0.0
+    age_ms: float = 0.0  # of the oldest answer; without power, of drives that are asked then
     drives_lost: bool = False
     neutral: bool = False  # with power or without, no joint is stiff or damped
     drive_faults: DriveFault = DriveFault.NONE
     drive_detail: HardwareError | None = None
     silent_joint: Joint | None = None
-    silent: frozenset[Joint] = frozenset()  # without an answer in time
+    silent: frozenset[Joint] = frozenset()  # without an answer for a while, whoever is to blame
     sunk_rad: float = 0.0  # the most of a joint that answers again, since its last answer before
     sunk: frozenset[Joint] = frozenset()  # those that have sunk too far meanwhile
     drive_error: Reason | None = None
@@ -164,12 +164,13 @@ def _programs(inputs: Inputs, streams: StreamState) -> ProgramDiagnostics:
     now_ns = inputs.now_ns
     report, audit, guardian = streams.report, streams.audit, streams.guardian
     perception_age_ms = _age_ms(now_ns, streams.report_ns)
+    loading = report is None or not report.detector_ready
     return ProgramDiagnostics(
         frame_age_ms=_age_ms(now_ns, report.captured_ns) if report and streams.recognised else 0.0,
         camera_fault=report.camera_fault if report else None,
         perception_age_ms=perception_age_ms,
-        perception_limit_ms=LOADING_MS if report is None or not report.detector_ready else TRIGGER.stale_ms,
-        perception_starting=not streams.recognised and perception_age_ms <= LOADING_MS,
+        perception_limit_ms=LOADING_MS if loading else TRIGGER.stale_ms,
+        perception_starting=(loading or not streams.recognised) and perception_age_ms <= LOADING_MS,
         console_age_ms=_age_ms(now_ns, streams.console_ns),
         audit_age_ms=_age_ms(now_ns, streams.audit_ns),
         audit_waiting=audit.waiting if audit else 0,
@@ -222,11 +223,12 @@ def _joints(inputs: Inputs, state: ControlState, settings: Settings) -> JointDia
     now_ns, feedback = inputs.now_ns, inputs.feedback
     motion, streams = state.motion, state.streams
     measured_ns, temperatures_c = feedback.measured_ns.tolist(), feedback.temperature_c.tolist()
-    oldest_ns = min(measured_ns)
+    asked_ns = measured_ns if streams.powered else [measured_ns[each] for each in Joint if each not in feedback.unasked]
+    oldest_ns = min(asked_ns, default=now_ns)
     silent = silent_joints(streams, feedback, now_ns)
     sunk_rad = angles_sunk_rad(state.silenced, motion, feedback, silent)
     return JointDiagnostics(
-        answering=oldest_ns > 0,
+        answering=min(measured_ns) > 0,
         age_ms=_age_ms(now_ns - streams.own_delay_ns, oldest_ns),
         drives_lost=motion.mode is not Mode.DISABLED and not streams.powered,
         neutral=motion.mode is Mode.DISABLED,

@@ -78,7 +78,8 @@ def advance_action(tick: Tick) -> None:
     elif running.stage is Stage.ENABLING:
         _await_power(tick, running)
     elif running.stage is Stage.STIFFENING and tick.state.motion.mode is Mode.HOLDING and not running.awaited_plans:
-        _move(tick, running)
+        if not _forbidden(tick, running):
+            _move(tick, running)
     elif running.stage is Stage.MOVING and tick.state.motion.arrived:
         _complete_movement(tick, running)
 
@@ -106,6 +107,9 @@ def _accept_first_plan(tick: Tick, running: RunningAction, plan: Plan) -> None:
 
 def _wait(tick: Tick, running: RunningAction) -> None:
     """An action that was granted and has not moved anything begins soon after its request, or not at all."""
+    if running.stage is Stage.ENABLING and tick.inputs.drive_error is not None:
+        _cancel(tick, running, Outcome.STOPPED, tick.inputs.drive_error)
+        return
     waited_ns = tick.now_ns - running.report.accepted_ns
     event = blocker(tick.state.events, running.report.source)
     if running.stage is Stage.PLANNING and waited_ns > START_LIMIT_MS * NS_PER_MS and event is not None:
@@ -113,20 +117,28 @@ def _wait(tick: Tick, running: RunningAction) -> None:
 
 
 def _leave_planning(tick: Tick, running: RunningAction) -> None:
-    """With the first plan: power, then stiffness, then movement, as far as they are missing.
-
-    Neither power nor stiffness if an event forbids it by now: legs that rested at the request may have begun to sink.
-    """
-    powered, event = tick.state.streams.powered, blocker(tick.state.events, running.report.source)
+    """With the first plan: power, then stiffness, then movement, as far as they are missing."""
+    if _forbidden(tick, running):
+        return
+    powered = tick.state.streams.powered
     if powered and tick.state.motion.mode not in {Mode.DAMPED, Mode.DISABLED}:
         _move(tick, running)
-    elif event is not None:
-        _refuse(tick, running, event.reason, event)
     elif powered:
         _stiffen(tick, running)
     else:
         tick.drives = DriveOrder.ENABLE
         tick.update(running=replace(running, stage=Stage.ENABLING, requested_ns=tick.now_ns))
+
+
+def _forbidden(tick: Tick, running: RunningAction) -> bool:
+    """Refuse an action that has moved nothing yet, if an event forbids it by now; whether it did.
+
+    Legs that rested at the request may have begun to sink, a supervising process may have failed since.
+    """
+    event = blocker(tick.state.events, running.report.source)
+    if event is not None:
+        _refuse(tick, running, event.reason, event)
+    return event is not None
 
 
 def _refuse(tick: Tick, running: RunningAction, why: Reason, event: RaisedEvent | None = None) -> None:
@@ -153,7 +165,8 @@ def _accept_next_step(tick: Tick, running: RunningAction, plan: Plan) -> None:
 def _await_power(tick: Tick, running: RunningAction) -> None:
     overdue = tick.now_ns - running.requested_ns > ENABLE_LIMIT_MS * 1e6
     if tick.state.streams.powered:
-        _stiffen(tick, running)
+        if not _forbidden(tick, running):
+            _stiffen(tick, running)
     elif tick.inputs.drive_error or overdue:
         _cancel(tick, running, Outcome.STOPPED, tick.inputs.drive_error or reason(RequestRefusal.ENABLE_TIMEOUT))
 

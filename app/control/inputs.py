@@ -35,6 +35,7 @@ class Settings:
     limit_c: JointArray
     patient: str
     vocabulary: frozenset[Gesture] = frozenset(Gesture)  # the gestures that command
+    device_high_rad: JointArray | None = None  # the device's own limit of flexion, where a patient's is known too
     unattended_ns: int = 120_000_000_000  # without a console for so long, the session ends
 
 

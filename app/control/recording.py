@@ -30,8 +30,8 @@ class TickRecorder:
         self._commands: list[OperatorCommand] = []
         self._first_tick = 0
         self._ticks = 0
-        self._lost_ticks = 0
         self._made: Counter[str] = Counter()
+        self._lost: Counter[str] = Counter()  # of those
 
     @property
     def full(self) -> bool:
@@ -60,7 +60,7 @@ class TickRecorder:
         sent = self._sink.send(
             TickBatch(
                 first_tick=self._first_tick,
-                lost_ticks=self._lost_ticks,
+                lost=dict(self._lost),
                 at_ns=self._at_ns[:ticks].tobytes(),
                 values=self._values[:ticks].tobytes(),
                 contacts=tuple(self._contacts),
@@ -69,8 +69,10 @@ class TickRecorder:
                 snapshot=snapshot,
             )
         )
-        self._lost_ticks += 0 if sent else ticks
-        self._count(ticks)
+        made = self._messages()
+        self._made.update(made)
+        if not sent:
+            self._lost.update(made)
         self._first_tick += ticks
         self._ticks = 0
         self._contacts.clear()
@@ -87,10 +89,14 @@ class TickRecorder:
         """How many messages were made, by topic: the ticks that were sent, refused or not."""
         return RecordingSent(messages=dict(self._made))
 
-    def _count(self, ticks: int) -> None:
-        self._made.update(dict.fromkeys((schemas.JOINT_STATE, schemas.JOINT_SETPOINT), ticks))
-        self._made.update((schemas.JOINT_HEALTH, schemas.GAIT, schemas.LINKS))  # one a batch
-        self._made.update({schemas.CONTACT: len(self._contacts), schemas.OPERATOR: len(self._commands)})
+    def _messages(self) -> dict[str, int]:
+        """How many the recording makes of this batch, by topic."""
+        return {
+            **dict.fromkeys((schemas.JOINT_STATE, schemas.JOINT_SETPOINT), self._ticks),
+            **dict.fromkeys((schemas.JOINT_HEALTH, schemas.GAIT, schemas.LINKS), 1),
+            schemas.CONTACT: len(self._contacts),
+            schemas.OPERATOR: len(self._commands),
+        }
 
 
 def _ages(streams: StreamState, now_ns: int) -> LinkAges:

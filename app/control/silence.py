@@ -1,4 +1,4 @@
-"""Joints that do not answer in time, and what has become of them when they answer again.
+"""Joints without an answer for a while, and what has become of them when they answer again.
 
 A drive may go limp without commands; a joint that sank meanwhile must not be pulled back.
 """
@@ -15,6 +15,7 @@ from hal.joints.device import Joint
 from hal.joints.protocol import JointFeedback
 
 JOINT_TIMEOUT_MS = 15.0  # with a tick and its margin the effect comes within 20 ms
+HOST_SUSPENDED_S = 0.1  # less is the time between two clocks' readings
 ANSWERING_NS = 100_000_000  # who answers for so long is silent no more: the gaps of a loose connector add up
 
 
@@ -30,15 +31,16 @@ Silences = dict[Joint, LastAnswer]
 
 
 def silent_joints(streams: StreamState, feedback: JointFeedback, now_ns: int) -> frozenset[Joint]:
-    """Those that owe an answer. Without power they are asked less often; while control stands still, not at all."""
+    """Those whose last answer is old, even if control stood still or the host slept: joints sink in that time, too.
+
+    Without power they are asked less often, and nothing holds them.
+    """
     if not streams.powered:
         return frozenset()
+    if streams.slept_ns > HOST_SUSPENDED_S * 1e9:  # the monotonic clock stood still
+        return frozenset(Joint)
     due_ns = now_ns - JOINT_TIMEOUT_MS * NS_PER_MS
-    return frozenset(
-        joint
-        for joint, at_ns in zip(Joint, feedback.measured_ns.tolist(), strict=True)
-        if at_ns < due_ns - (streams.own_delay_ns if at_ns <= streams.resumed_ns else 0)
-    )
+    return frozenset(joint for joint, at_ns in zip(Joint, feedback.measured_ns.tolist(), strict=True) if at_ns < due_ns)
 
 
 def update_silences(

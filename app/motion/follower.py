@@ -16,6 +16,7 @@ from msgspec.structs import replace
 
 from app.motion.plan import Plan
 from hal.joints.device import Exoskeleton, Joint
+from hal.joints.guard import limits_of
 from hal.joints.protocol import TICK_HZ, JointArray, JointCommand
 from hal.minimum_jerk import minimum_jerk, minimum_jerk_rate
 
@@ -23,7 +24,7 @@ HOLD_S = 0.150  # slow down along the path within this; a pause comes back as sl
 STIFFNESS_RAMP_S = 0.3  # from damped to full stiffness
 DAMPING_RAMP_S = 0.3  # from the last command to pure damping
 FADE_S = 0.5  # a plan starts from the measured pose, the command from the last one: the difference fades
-TORQUE_SLEW_NM = 1.0  # per tick; the feed-forward never steps
+TORQUE_SLEW_NM = 1.0  # per tick, at most; the feed-forward never steps
 
 
 STIFFNESS_SHARE = 0.8  # of the device's greatest; the rest is the guard's margin
@@ -38,6 +39,7 @@ class Gains:
     damping_nm_s_rad: JointArray
     damped_nm_s_rad: JointArray  # in DAMPED, where damping acts alone
     assist: JointArray  # share of the feed-forward torque, the weak side's scale
+    torque_slew_nm: JointArray  # how much the feed-forward torque may change in a tick
 
 
 def gains_of(device: Exoskeleton, assist_left: float, assist_right: float) -> Gains:
@@ -50,6 +52,7 @@ def gains_of(device: Exoskeleton, assist_left: float, assist_right: float) -> Ga
         damping_nm_s_rad=DAMPING_SHARE * most_damped,
         damped_nm_s_rad=np.array([joint.damp_nm_s_rad for joint in device.joints]),
         assist=assist,
+        torque_slew_nm=np.minimum(TORQUE_SLEW_NM, limits_of(device).torque_step_nm),
     )
 
 
@@ -143,11 +146,14 @@ def hold(motion: Motion) -> Motion:
 
 
 def resume_from(motion: Motion, written: JointCommand) -> Motion:
-    """After the guard refused a command: hold, or damp anew, from the command that was written."""
+    """After the guard refused a command: hold, or damp anew, from the command that was written.
+
+    Joints that were being stiffened are damped again: without stiffness there is nothing to hold them by.
+    """
     if motion.mode is Mode.DISABLED:
         return motion
-    if motion.mode is Mode.DAMPED:
-        return replace(motion, command=written, origin=written, ramp=0.0)
+    if motion.mode in {Mode.DAMPED, Mode.STIFFENING}:
+        return replace(motion, mode=Mode.DAMPED, command=written, origin=written, ramp=0.0)
     return hold(replace(motion, command=written))
 
 
@@ -221,7 +227,7 @@ def _moving(motion: Motion, gains: Gains, slope: int) -> Motion:
         velocity_rad_s=rate * (_at(plan.velocity_rad_s, row) + fade_speed * offset),
         stiffness_nm_rad=gains.stiffness_nm_rad,
         damping_nm_s_rad=gains.damping_nm_s_rad,
-        torque_nm=_slewed(motion.command.torque_nm, gains.assist * _at(plan.torque_nm, row)),
+        torque_nm=_slewed(motion.command.torque_nm, gains.assist * _at(plan.torque_nm, row), gains.torque_slew_nm),
     )
     return replace(motion, row=row, path_rate=rate, command=command)
 
@@ -261,5 +267,5 @@ def _fade(row: float, last: int) -> tuple[float, float]:
     return 1 - minimum_jerk(s), -minimum_jerk_rate(s) * TICK_HZ / span
 
 
-def _slewed(now_nm: JointArray, wanted_nm: JointArray) -> JointArray:
-    return np.clip(wanted_nm, now_nm - TORQUE_SLEW_NM, now_nm + TORQUE_SLEW_NM)
+def _slewed(now_nm: JointArray, wanted_nm: JointArray, most_nm: JointArray) -> JointArray:
+    return np.clip(wanted_nm, now_nm - most_nm, now_nm + most_nm)

@@ -126,7 +126,9 @@ def _settings(limits: JointLimits) -> Settings:
     }
     return Settings(
         limits=Limits(stiffness_nm_rad=none, damping_nm_s_rad=none, **arrays),
-        gains=Gains(stiffness_nm_rad=none, damping_nm_s_rad=none, damped_nm_s_rad=none, assist=none),
+        gains=Gains(
+            stiffness_nm_rad=none, damping_nm_s_rad=none, damped_nm_s_rad=none, assist=none, torque_slew_nm=none
+        ),
         poses={},
         warn_c=np.array(limits.warn_c, dtype=float),
         limit_c=np.array(limits.limit_c, dtype=float),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from enum import Flag
+from enum import Enum, Flag
 from math import isfinite
 
 import numpy as np
@@ -25,6 +25,7 @@ from logs.reason import Value, reason, reason_of
 
 FOLLOWING_LIMIT_RAD = 0.26  # 15°
 DRIFT_RAD_S = 0.6
+POLL_TIMEOUT_MS = 1_000.0  # without power drives are asked fifty times a second, and nobody is held by them
 
 # The drive still follows commands, or is simply off; the others go on holding the wearer.
 HELD_FAULTS = (
@@ -42,6 +43,12 @@ HELD_BUS_FAULTS = BusFault.SEND_FAILED | BusFault.BUS_OFF | BusFault.INTERFACE_G
 NOTED_BUS_FAULTS = BusFault.ERROR_FRAME | BusFault.ARBITRATION_LOST | BusFault.UNKNOWN_ID | BusFault.MALFORMED
 
 
+class AngleDetail(Enum):
+    """What else is known of an angle out of range."""
+
+    BEYOND_PATIENT = "beyond-patient"  # joint, angle_rad, limit_rad
+
+
 def _any_of(flags: Flag, wanted: Flag) -> bool:
     return flags.value & wanted.value != 0
 
@@ -50,7 +57,7 @@ _ANSWER_AGE = Above("answer_age_ms", lambda d: d.joints.age_ms, JOINT_TIMEOUT_MS
 
 
 def _joint_timeout(d: Diagnostics) -> bool:
-    return _ANSWER_AGE(d) if d.powered else not d.joints.answering
+    return _ANSWER_AGE(d) if d.powered else not d.joints.answering or d.joints.age_ms > POLL_TIMEOUT_MS
 
 
 def _answer_age(d: Diagnostics) -> Compared | None:
@@ -113,6 +120,18 @@ def worst_range(d: Diagnostics) -> Compared | None:
     return Compared("angle_rad", float(angle_rad[joint]), float(end_rad[joint]), joint)
 
 
+def _patients_limit(d: Diagnostics) -> dict[str, Value]:
+    """The patient's own limit, where the device's would let the angle pass: then its zero may well be right."""
+    worst, settings = worst_range(d), d.joints.settings
+    if worst is None or worst.joint is None or settings is None or settings.device_high_rad is None:
+        return {"detail": ""}
+    limit_rad, device_rad = float(settings.limits.high_rad[worst.joint]), settings.device_high_rad[worst.joint]
+    if not limit_rad < worst.value - RANGE_MARGIN_RAD <= device_rad:
+        return {"detail": ""}
+    beyond = reason(AngleDetail.BEYOND_PATIENT, joint=worst.joint, angle_rad=worst.value, limit_rad=limit_rad)
+    return {"detail": beyond}
+
+
 def _guard_compared(d: Diagnostics) -> Compared | None:
     refusal = d.joints.guard_refusal
     return None if refusal is None else Compared(refusal.quantity.value, refusal.value, refusal.limit, refusal.joint)
@@ -173,6 +192,7 @@ POSE = (
         E.NOT_HOMED,
         F.REFUSE,
         lambda d: not d.powered and d.joints.answering and d.joints.beyond_range,
+        detail=_patients_limit,
         compares=worst_range,
     ),
     # A swinging leg is slow for a moment at each turning point: the event settles.

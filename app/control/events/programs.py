@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from app.control.diagnostics import Diagnostics, LinkFigure, exceeded_figure, link_values
 from app.control.events.row import GESTURES, Above, Compared, Latch, Row
+from app.control.silence import HOST_SUSPENDED_S
 from app.control.stop_inputs import READER_LATE_NS
 from app.ipc.states import Effect, Event
 from app.ipc.streams import AUDIT_HEALTH, GUARDIAN, NS_PER_MS, OPERATOR, TRIGGER
@@ -14,7 +15,6 @@ CONTROL_LATE_MS = 20.0
 CONTROL_STALLED_MS = 50.0  # docs/safety.md, "How long commands may be missing"
 BLIND_WALK_MS = 1_000.0  # a walk goes on for so long although the gesture that ends it could not be seen
 CLOCK_STEP_S = 0.5
-HOST_SUSPENDED_S = 0.1
 
 _FRAME_AGE = Above("frame_age_ms", lambda d: d.programs.frame_age_ms, TRIGGER.stale_ms)
 _GUARDIAN_AGE = Above("message_age_ms", lambda d: d.programs.guardian_age_ms, GUARDIAN.stale_ms)
@@ -39,7 +39,13 @@ STREAMS = (
         blocks=GESTURES,
         walk_ends_after_ms=BLIND_WALK_MS,
     ),
-    Row(E.PERCEPTION_STARTING, F.REFUSE, lambda d: d.programs.perception_starting, blocks=GESTURES),
+    Row(
+        E.PERCEPTION_STARTING,
+        F.REFUSE,
+        lambda d: d.programs.perception_starting,
+        blocks=GESTURES,
+        walk_ends_after_ms=BLIND_WALK_MS,
+    ),
     Row(E.CONSOLE_TIMEOUT, F.PAUSE, Above("message_age_ms", lambda d: d.programs.console_age_ms, OPERATOR.stale_ms)),
     Row(
         E.AUDIT_BACKLOG,

@@ -25,6 +25,7 @@ class IdealJoints:
     stuck: bool = False
     silent: bool = False
     mute: frozenset[Joint] = frozenset()  # these do not answer; what they answered last is reported on
+    unasked: frozenset[Joint] = frozenset()  # nor are these asked without power
     answered: dict[Joint, tuple[int, float]] = field(default_factory=dict)  # when and where
     refuse_enable: str = ""
     measured_ns: int = 1
@@ -51,4 +52,5 @@ class IdealJoints:
             state=self.state,
             bus=self.bus,
             detail=self.detail,
+            unasked=self.unasked,
         )

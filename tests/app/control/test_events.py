@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,13 +13,15 @@ from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, Effect, Event, GaitState, Source
 from app.motion.follower import Mode
 from app.text.catalogue import key_of, render, use_language
+from hal.joints.device import Joint
+from hal.joints.guard import limits_of
 from hal.joints.protocol import BusFault, DriveFault
 from kgdfa.gesture import Gesture
 from logs import records
-from logs.reason import Reason
-from tests.app.control.causes import CAUSES, Cause, E, fault, names_in, observed, rig_with
+from logs.reason import Reason, reason
+from tests.app.control.causes import CAUSES, Cause, E, fault, names_in, observed, one, rig_with
 from tests.app.control.moments import moving, standing
-from tests.app.control.rig import Rig
+from tests.app.control.rig import DEVICE, SETTINGS, TICK_NS, Rig
 
 
 def test_every_row_has_its_test_and_every_event_its_row() -> None:
@@ -247,6 +251,70 @@ def test_missed_ticks_only_put_off_the_timeout_of_a_drive(stalls: int) -> None:
         rig.tick(1)
     rig.tick(9 - stalls)
     assert E.JOINT_TIMEOUT.value in rig.events()
+
+
+def unpowered() -> Rig:
+    rig = Rig()
+    rig.tick(2)
+    rig.send(OperatorKind.CONFIRM_PATIENT)
+    rig.tick(20)
+    return rig
+
+
+@pytest.mark.parametrize("joint", Joint)
+def test_without_power_a_joint_counts_as_unresponsive_after_a_second(joint: Joint) -> None:
+    """The speed that it reported last would refuse power for good, and nobody would know why."""
+    rig = unpowered()
+    rig.joints.velocity_rad_s = one(2.0)
+    rig.tick()
+    rig.joints.mute = frozenset({joint})
+    rig.tick(500)
+    assert E.JOINT_TIMEOUT.value not in rig.events()
+    rig.tick(2)
+    assert E.JOINT_TIMEOUT.value in rig.events()
+    (raised,) = observed(rig, E.JOINT_TIMEOUT)
+    assert raised.text == Reason(key_of(E.JOINT_TIMEOUT), {"detail": reason(joint)})
+    rig.joints.mute = frozenset()
+    rig.joints.velocity_rad_s = np.zeros(4)
+    rig.tick(LINGER_NS // TICK_NS + 2)
+    assert rig.events() == {E.NOT_ARMED.value}, "nothing to acknowledge: its cable is in again"
+
+
+def test_without_power_a_joint_that_is_not_asked_is_not_unresponsive() -> None:
+    rig = unpowered()
+    rig.joints.mute = rig.joints.unasked = frozenset({Joint.LEFT_KNEE})
+    rig.tick(1000)
+    assert rig.events() == {E.NOT_ARMED.value}
+    rig.joints.mute |= {Joint.RIGHT_HIP}
+    rig.tick(502)
+    assert E.JOINT_TIMEOUT.value in rig.events()
+    (raised,) = observed(rig, E.JOINT_TIMEOUT)
+    assert raised.text == Reason(key_of(E.JOINT_TIMEOUT), {"detail": reason(Joint.RIGHT_HIP)})
+
+
+def test_without_power_control_itself_may_stand_still_for_longer() -> None:
+    rig = unpowered()
+    rig.joints.silent = True
+    stall(rig, 1_200)
+    rig.tick(20)
+    assert E.JOINT_TIMEOUT.value not in rig.events()
+
+
+@pytest.mark.parametrize(
+    ("knee_rad", "shown"), [(np.radians(90.0), True), (np.radians(121.0), True), (np.radians(123.0), False)]
+)
+@pytest.mark.parametrize("code", ["en", "zh"])
+def test_an_angle_beyond_the_patients_own_limit_names_that_limit(code: str, knee_rad: float, *, shown: bool) -> None:
+    """A knee at 90° is not impossible, and its zero is right; 123° are beyond the device's 120° and its margin."""
+    use_language(code)
+    limits = limits_of(DEVICE, knee_max_rad=np.radians(80.0))
+    rig = Rig(settings=replace(SETTINGS, limits=limits, device_high_rad=limits_of(DEVICE).high_rad))
+    rig.joints.position_rad = one(knee_rad)
+    rig.tick(2)
+    (raised,) = observed(rig, E.NOT_HOMED)
+    assert isinstance(raised.text, Reason)
+    text = render(raised.text)
+    assert ("80°" in text and f"{np.degrees(knee_rad):.0f}°" in text) is shown
 
 
 def test_joints_may_settle_for_half_a_second_after_a_movement() -> None:

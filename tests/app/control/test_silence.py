@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
+from app.control.diagnostics import FOLLOWING_WARN_RAD
 from app.ipc.states import Effect, Event
 from hal.joints.device import Joint
 from logs import records
-from tests.app.control.moments import K, now, records_of, standing, sunk
-from tests.app.control.rig import TICK_NS
+from tests.app.control.moments import K, moving, now, records_of, standing, sunk
+from tests.app.control.rig import TICK_NS, Rig
 
 
 def test_a_joint_that_sank_while_it_did_not_answer_is_not_pulled_back() -> None:
@@ -139,3 +142,56 @@ def test_a_silence_that_was_acknowledged_while_it_lasted_lets_no_joint_be_pulled
     rig.tick()
     assert now(rig).effect is Effect.DAMP
     assert rig.command.stiffness_nm_rad[Joint.RIGHT_KNEE] == 0
+
+
+def stand_still(rig: Rig, ticks: int) -> None:
+    """Control comes back after so many ticks; nothing was asked meanwhile, and nothing has answered yet."""
+    rig.joints.silent = True
+    rig.now_ns += ticks * TICK_NS
+    rig.spoil = {"late_ns": ticks * TICK_NS, "missed_ticks": ticks}
+    rig.tick()
+    rig.joints.silent = False
+
+
+def sleep(rig: Rig, _: int) -> None:
+    """The computer wakes after nine seconds, which only the boot clock counts."""
+    rig.spoil = {"boot_ns": rig.now_ns + TICK_NS + 10_000_000_000}
+    rig.tick()
+
+
+@pytest.mark.parametrize("away", [stand_still, sleep])
+def test_a_joint_that_sank_while_control_itself_was_away_is_not_pulled_back(away: Callable[[Rig, int], None]) -> None:
+    rig = standing()
+    rig.tick(5)
+    away(rig, 1000)
+    assert now(rig).effect is Effect.HOLD
+    sunk(rig, Joint.LEFT_KNEE)
+    rig.tick()
+    assert now(rig).effect is Effect.DAMP
+    assert rig.command.stiffness_nm_rad[Joint.LEFT_KNEE] == 0
+    assert rig.command.stiffness_nm_rad[Joint.RIGHT_KNEE] > 0, "let down in the ramp"
+
+
+@pytest.mark.parametrize("away", [stand_still, sleep])
+def test_joints_that_have_not_sunk_while_control_was_away_are_held(away: Callable[[Rig, int], None]) -> None:
+    rig = standing()
+    rig.tick(5)
+    away(rig, 1000)
+    rig.tick(200)
+    assert now(rig).effect is Effect.HOLD
+    assert Event.JOINT_SANK not in {one.event for state, _ in rig.history for one in state.events}
+    assert rig.command.stiffness_nm_rad.min() > 0
+
+
+@pytest.mark.parametrize("ticks", [9, 24])
+def test_a_swinging_leg_that_control_left_alone_for_ticks_has_not_sunk(ticks: int) -> None:
+    """Its drive goes on under the last command: docs/safety.md, "How long commands may be missing", at most 5.6°."""
+    rig = moving()
+    rig.joints.stuck = True
+    start_rad = rig.joints.position_rad
+    for _ in range(6):  # the gaps add up, and the leg goes on for longer than it may sink
+        stand_still(rig, ticks)
+        rig.joints.position_rad = rig.command.position_rad + np.radians(5.6)
+        rig.tick(10)
+    assert np.abs(rig.joints.position_rad - start_rad).max() > FOLLOWING_WARN_RAD
+    assert Event.JOINT_SANK not in {one.event for state, _ in rig.history for one in state.events}

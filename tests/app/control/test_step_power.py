@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -368,3 +370,17 @@ def test_nothing_is_granted_while_the_session_ends() -> None:
 
 def test_every_gesture_has_its_action() -> None:
     assert {ACTION_OF[gesture] for gesture in Gesture} == set(Action)
+
+
+def test_joints_whose_stiffening_the_guard_refuses_are_damped_and_can_be_switched_off() -> None:
+    rig = resting(S.UNPOWERED)
+    gains = rig.settings.gains
+    rig.settings = replace(rig.settings, gains=replace(gains, stiffness_nm_rad=np.full(4, np.nan)))
+    rig.send(K.ACT, A.INITIALISE)
+    rig.run_until(lambda m: m.motion.fully_damped)
+    assert (now(rig).effect, now(rig).gait.state) == (Effect.HOLD, S.BETWEEN)
+    assert np.array_equal(rig.command.damping_nm_s_rad, gains.damped_nm_s_rad)
+    assert len(records_of(rig, records.GuardRefusal)) == 1
+    rig.send(K.TORQUE_OFF)
+    rig.tick(2)
+    assert (rig.joints.state, now(rig).motion.mode) == (DriveState.DISABLED, Mode.DISABLED)

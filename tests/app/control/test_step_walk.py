@@ -156,3 +156,32 @@ def test_when_the_trail_stops_any_walk_ends_normally() -> None:
     assert now(rig).gait.closing, "in the very tick that the event is raised"
     assert rig.settle().gait.state is S.STANDING
     assert now(rig).reports[-1].outcome is Outcome.COMPLETED
+
+
+@pytest.mark.parametrize("source", Source)
+def test_a_walk_of_the_wearer_ends_while_a_restarted_perception_loads_its_hand_model(source: Source) -> None:
+    """Its frames are fresh, but it sees no gesture, and so not the one that ends the walk."""
+    rig = standing()
+    request(rig, A.WALK, source)
+    rig.run_until(lambda m: m.gait.phase is Phase.WALK_LEFT)
+    rig.watching = False
+    rig.tick(450)
+    rig.restart_perception()
+    rig.watching, rig.report = True, {"detector_ready": False}
+    rig.tick(650)
+    running, ended_by = now(rig).running, reason(Event.PERCEPTION_STARTING)
+    assert running is not None
+    assert running.walk_ended_by == (ended_by if source is Source.GESTURE else None)
+
+
+def test_a_perception_that_has_loaded_its_hand_model_in_time_ends_no_walk() -> None:
+    rig = standing()
+    request(rig, A.WALK, Source.GESTURE)
+    rig.run_until(lambda m: m.gait.phase is Phase.WALK_LEFT)
+    rig.restart_perception()
+    rig.report = {"detector_ready": False}
+    rig.tick(450)
+    rig.report = {}
+    rig.tick(600)
+    assert not now(rig).gait.closing
+    assert rig.events() == set()
