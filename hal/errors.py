@@ -37,6 +37,8 @@ class CameraFault(Enum):
     INTRINSICS_UNWRITABLE = auto()
     TOO_FEW_CHESSBOARDS = auto()
     CHESSBOARDS_DISAGREE = auto()
+    CHESSBOARDS_ALIKE = auto()
+    FACTORY_CALIBRATED = auto()
     IMAGE_SIZES_DIFFER = auto()
     CAMERA_NAME_MISSING = auto()
 
@@ -85,6 +87,7 @@ class DrivesFault(Enum):
     STAYS_DISABLED = auto()
     NOT_CONFIRMED_OFF = auto()
     RANGE_MISMATCH = auto()
+    RANGES_UNREPORTED = auto()
     ALREADY_EMULATED = auto()
     ZERO_WRONG_CODE = auto()
     ZERO_TOO_LATE = auto()
@@ -114,6 +117,7 @@ class CanFault(Enum):
     BUS_IN_USE = auto()
     LOG_UNREADABLE = auto()
     LOG_UNWRITABLE = auto()
+    LOG_DISK_LOW = auto()
     CONTROLLER_OFF = auto()
     ARBITRATION_LOST = auto()
     NOT_ACKNOWLEDGED = auto()
@@ -144,6 +148,7 @@ class MicrophoneFault(Enum):
     NOT_OPENED = auto()  # device, detail
     OTHER_FORMAT = auto()  # file, rate_hz
     GONE = auto()  # device
+    RECORDING_ENDED = auto()  # file
 
 
 class HardwareError(CodedError):

@@ -69,7 +69,7 @@ class RecordedMicrophone:
         self._wait()
         samples = self._file.readframes(BLOCK_SAMPLES) if self._file else b""
         if not samples:
-            raise HardwareError(MicrophoneFault.GONE, device=self._path)
+            raise HardwareError(MicrophoneFault.RECORDING_ENDED, file=self._path)
         return samples
 
     def close(self) -> None:
@@ -128,5 +128,5 @@ def load_library() -> Any:
 def make_microphone(voice: VoiceConfig, wait: Callable[[], object]) -> Microphone:
     """The one that is configured, not open yet; wait: for the length of a block, between those of a recording."""
     if voice.kind == "recording":
-        return RecordedMicrophone(Path(voice.device), wait)
+        return RecordedMicrophone(Path(voice.device).expanduser(), wait)
     return PortAudioMicrophone(voice.device)

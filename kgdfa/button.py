@@ -57,6 +57,7 @@ class PressHint(Enum):
     WITHDRAW_FIRST = "withdraw first"
     PUSH_STEADILY = "push steadily"
     APPROACH_FIRST = "approach first"  # it hovers: the distance fell too slowly
+    MORE_IMAGES = "more images"  # they are further apart than an approach lasts: none can be measured
     GESTURE_FIRST = "gesture first"
     KEEP_GESTURE = "keep gesture"
     OVER_BUTTON = "over button"
@@ -268,7 +269,7 @@ def _no_press(state: ButtonState, observed: ButtonInput, compared: ButtonCompari
     if compared.nearer_m is None or compared.nearer_m > compared.nearer_limit_m:  # not seen coming, or it slipped
         return PressHint.PUSH_STEADILY
     if compared.approached_m is None or compared.approached_m < compared.approach_limit_m:
-        return PressHint.APPROACH_FIRST
+        return PressHint.MORE_IMAGES if compared.elapsed_ns > APPROACH_NS else PressHint.APPROACH_FIRST
     if observed.gesture is None:
         return PressHint.GESTURE_FIRST
     settling = observed.replaced and observed.captured_ns - observed.recognised_ns < SETTLING_NS

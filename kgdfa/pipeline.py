@@ -145,7 +145,7 @@ class Pipeline:
             depth_distance=depth,
             depth_fault=self._chosen.fault or fault,
             button=self._recognition.button,
-            refusal=self._tracks.refusal or _alternating(vote, now_ns),
+            refusal=self._tracks.refusal or (_alternating(vote, now_ns) if commanding else None),
             vote_ns=vote.decided_ns,
             reading=reading,
         )

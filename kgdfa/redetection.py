@@ -23,7 +23,7 @@ import numpy as np
 from kgdfa.augmentation import to_image
 from kgdfa.hand import Hand, same_place
 from kgdfa.preprocess import Image
-from kgdfa.views import FULL_VIEW, REDETECTION_VIEWS, SHRUNK, View, in_other_light, next_near, render_view
+from kgdfa.views import FULL_VIEW, REDETECTION_VIEWS, SHRUNK, View, in_other_light, near_view, render_view
 
 PATIENCE_FRAMES = 2  # without a hand before the search begins, plainly: the plain image finds most that come
 # Of the image's height. A longer palm is shown smaller, at this size: an adult's nearer than 27 cm to the usual lens.
@@ -202,7 +202,8 @@ class Redetector:
         self._growth = replace(self._growth, growth=1.0, shown=SOUGHT_PALM)
         hands = self._detect_in_view(image_bgr, captured_ns) if followed else ()
         if not hands:
-            self._search = replace(self._search, view=next_near(self._search.view))
+            view = near_view(self._search.missing, self._search.view.scale)
+            self._search = replace(self._search, view=view)
             hands = self._detect_in_view(image_bgr, captured_ns)
         return hands
 

@@ -91,7 +91,6 @@ def _smaller(image_bgr: Image, scale: float, size: tuple[int, int], border: int)
     return np.asarray(shown, dtype=np.uint8), transform
 
 
-def next_near(view: View) -> View:
-    """The one after this in NEAR_VIEWS, in its size."""
-    place = next((place for place, near in enumerate(NEAR_VIEWS) if replace(near, scale=view.scale) == view), -1)
-    return replace(NEAR_VIEWS[(place + 1) % len(NEAR_VIEWS)], scale=view.scale)
+def near_view(missing: int, scale: float) -> View:
+    """The one of NEAR_VIEWS after so many frames without the hand, in this size."""
+    return replace(NEAR_VIEWS[missing % len(NEAR_VIEWS)], scale=scale)

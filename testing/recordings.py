@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from app.control.telemetry import quad
 from app.recording import schemas
-from app.recording.export import read_samples
 from app.recording.read import HashCheck, Recording, check_sent, messages, proof_of, survey, trail_of
+from app.recording.samples import read_samples
 from hal.joints.protocol import TICK_HZ
 from logs.read import records
 from logs.reason import Quad

@@ -28,7 +28,8 @@ from hal.cameras.factory import open_camera
 from hal.cameras.intrinsics import Board, Corners, find_corners, save
 from hal.cameras.intrinsics import calibrate as solve
 from hal.cameras.playback import image_files, read_image
-from hal.errors import CameraFault, HardwareError
+from hal.errors import CameraFault, HardwareError, RecordingFault
+from logs.reason import key_of
 from profiles.store import ProfileStore
 
 if TYPE_CHECKING:
@@ -44,7 +45,7 @@ BETWEEN_IMAGES_S = 1.0  # time to move the board
 @cli.command("list")
 def list_cameras(home: HomeOption = None) -> None:
     """List the cameras of this machine, and how to name them in the configuration."""
-    from hal.cameras.webcam import list_webcams
+    from hal.cameras.webcam_list import list_webcams
 
     table = Table(*(tr(f"camera.{column}") for column in ("kind", "device", "name")), box=None)
     table.add_row("digital-hand", "", tr("camera.digital_hand"))
@@ -117,7 +118,9 @@ def compare(
         write_csv(result, csv)
     if plot is not None:
         write_plot(result, plot)
-    if any(result.faults) or not all(result.total(which).frames for which in (0, 1)):
+    ended = (None, key_of(RecordingFault.ENDED))  # a recording ends as it should
+    failed = any(one is not None and one.code not in ended for one in result.faults)
+    if failed or not all(result.total(which).frames for which in (0, 1)):
         raise typer.Exit(1)
 
 
@@ -184,21 +187,22 @@ def _images(source: str, camera: str, home: Home) -> tuple[str, Generator[ImageA
         if not camera:
             raise HardwareError(CameraFault.CAMERA_NAME_MISSING)
         return camera, (read_image(path) for path in image_files(folder))
-    live = _open(source, home)
+    kind, device = kind_of(source)
+    if kind == "realsense":
+        raise HardwareError(CameraFault.FACTORY_CALIBRATED)
+    live = open_as(load_config(home.config).camera, kind, device)  # an earlier calibration may not suit it
     live.open()
     return live.name, _live_images(live)
 
 
 def _live_images(camera: Camera) -> Generator[ImageArray, None, None]:
     last_s = 0.0
-    try:
+    with closing(camera), suppress(EndOfRecording):
         while True:
             frame = camera.read(0.5)
             if frame is not None and time.monotonic() - last_s >= BETWEEN_IMAGES_S:
                 last_s = time.monotonic()
                 yield frame.image_bgr
-    finally:
-        camera.close()
 
 
 def _open(source: str, home: Home) -> Camera:

@@ -8,7 +8,7 @@ from enum import Enum
 
 from app.ipc.messages import HandCommand
 from app.system.diagnostics_log import get_logger
-from hal.cameras.camera import Camera, CommandedHand, EndOfRecording, Frame
+from hal.cameras.camera import Camera, CommandedHand, EndOfRecording, FiniteSource, Frame
 from hal.cameras.exposure import image_fault
 from hal.errors import HardwareError, RecordingFault
 from logs.reason import Reason, reason, reason_of
@@ -32,7 +32,8 @@ class PerceptionNote(Enum):
 class CameraSupervisor:
     """Frames from a camera that may be unplugged: closed when it fails, opened again with a growing pause.
 
-    fault: why no frames come, None while they do. openings: how often it was opened.
+    fault: why no frames come, None while they do. openings: how often it was opened. A recording that fails has ended:
+    opened again, it would repeat its gestures.
     """
 
     camera: Camera
@@ -41,6 +42,7 @@ class CameraSupervisor:
     ended: bool = False
     openings: int = 0
     _open: bool = False
+    _failed: bool = False
     _failures: int = 0
     _next_try_s: float = 0.0
 
@@ -54,6 +56,7 @@ class CameraSupervisor:
             self.ended, self.fault = True, reason(RecordingFault.ENDED)
             return None
         except HardwareError as error:
+            self.ended = isinstance(self.camera, FiniteSource) and self.camera.finite
             self._lost(now_s, reason_of(error))
             return None
         if frame is not None:
@@ -64,11 +67,12 @@ class CameraSupervisor:
         """Stop the camera."""
         if self._open:
             self.camera.close()
-        self._open = False
+        self._open = self._failed = False
 
     def _opened(self, now_s: float) -> bool:
-        if self._open:
+        if self._open and not self._failed:
             return True
+        self.close()  # not in `_lost`: a driver that hangs takes a second, and its fault is reported before
         if now_s < self._next_try_s:
             return False
         try:
@@ -82,7 +86,7 @@ class CameraSupervisor:
         return True
 
     def _lost(self, now_s: float, fault: Reason) -> None:
-        self.close()
+        self._failed = True
         self._next_try_s = now_s + BACK_OFF_S[min(self._failures, len(BACK_OFF_S) - 1)]
         self._failures += 1
         if fault != self.fault:

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 import msgspec
 
 from app.ipc.messages import HandCommand, Preview
-from app.system.config import CameraConfig, SessionSetup, with_camera
+from app.system.config import RATES_HZ, CameraConfig, SessionSetup, with_camera
 from app.system.diagnostics_log import discard_output
 from app.system.errors import AppError
 from app.system.scheduling import pin_to_control_core
@@ -27,7 +27,7 @@ from logs.reason import Reason, reason, reason_of
 from profiles.schema import DistanceUsed
 
 if TYPE_CHECKING:
-    from hal.cameras.camera import Camera, DepthArray, Frame, ImageArray
+    from hal.cameras.camera import Camera, DepthArray, Frame, ImageArray, Intrinsics
     from kgdfa.button import ButtonPlace
     from kgdfa.keypoints import HandDetector
     from kgdfa.pipeline import Pipeline, Report
@@ -48,6 +48,7 @@ class LookFault(Enum):
     """Why two cameras can't be compared, one that looks gives nothing more, or what was compared is not kept."""
 
     SAME_DEVICE = auto()  # first, second
+    RATE_OUT_OF_RANGE = auto()  # rate_hz, least_hz, most_hz
     DIED = auto()
     NOT_KEPT = auto()  # path, detail
 
@@ -77,10 +78,13 @@ def parse_camera(source: str, base: CameraConfig) -> tuple[CameraConfig, Distanc
     """A camera as people name it, and what it measures the distance with.
 
     digital-hand or digital-d435i (which gives depth), with `:SEED`; realsense; a webcam's name or number; the path of a
-    recording. `@RATE` behind it: frames per second.
+    recording. `@RATE` behind it: frames per second, but where a file has that name. Raises AppError for a bad rate.
     """
-    rated = _RATE.fullmatch(source)
+    rated = None if Path(source).expanduser().exists() else _RATE.fullmatch(source)
     rate_hz = float(rated[2]) if rated else base.rate_hz
+    least_hz, most_hz = RATES_HZ
+    if not least_hz <= rate_hz <= most_hz:
+        raise AppError(LookFault.RATE_OUT_OF_RANGE, rate_hz=rate_hz, least_hz=least_hz, most_hz=most_hz)
     source = rated[1] if rated else source
     digital = _DIGITAL.fullmatch(source)
     kind, device = ("digital-hand", "") if digital else kind_of(source)
@@ -113,7 +117,7 @@ def refuse_same_device(first: CameraConfig, second: CameraConfig) -> None:
 
 def _device_of(camera: CameraConfig) -> str:
     if camera.kind == "webcam":
-        from hal.cameras.webcam import find_webcam, list_webcams
+        from hal.cameras.webcam_list import find_webcam, list_webcams
 
         return str(find_webcam(camera.device, list_webcams()).index)
     if camera.kind == "recording" or camera.device.lower().endswith((".bag", ".db3")):
@@ -196,6 +200,7 @@ class _Look:
         self._camera = CameraSupervisor(camera, on_fault=pipe.send)
         self._pacer = PreviewPacer(width_px=PREVIEW_PX, rate_hz=PREVIEW_HZ)
         self._chain: tuple[Pipeline, ButtonPlace] | None = None
+        self._lens: tuple[str, Intrinsics] | None = None  # the camera that the chain is built for
         self._frames = self._lost = self._presses = 0
         self._pressed = self._had_hand = False
         self._next_push_s = 0.0
@@ -233,8 +238,9 @@ class _Look:
         from kgdfa.draw import draw
         from kgdfa.pipeline import PipelineInput
 
-        if self._chain is None:
-            self._chain = make_pipeline(self._setup, self._detector, frame, self._camera.camera.name)
+        lens = self._camera.camera.name, frame.intrinsics
+        if self._chain is None or self._lens != lens:
+            self._chain, self._lens = make_pipeline(self._setup, self._detector, frame, lens[0]), lens
         pipeline, place = self._chain
         source = PipelineInput(image_bgr=frame.image_bgr, captured_ns=frame.captured_ns, depth_m=frame.depth_m)
         report = pipeline.process(source)

@@ -8,7 +8,7 @@ from datetime import datetime
 from enum import Enum
 
 from app.system.errors import AppError
-from hal.cameras.camera import FIRST_FRAME_S, SILENCE_S, Camera, Frame, Intrinsics
+from hal.cameras.camera import FIRST_FRAME_S, SILENCE_S, Camera, EndOfRecording, Frame, Intrinsics
 from kgdfa.distance import HALF_PALM_M
 from kgdfa.pipeline import Detector
 from kgdfa.robust_distance import RobustRange
@@ -92,13 +92,16 @@ class PalmSampler:
 def sample_palm(
     profile: Profile, camera: Camera, detector: Detector, watch: Callable[[PalmSampler, Frame], None]
 ) -> PalmSampler:
-    """Read an open camera until there are samples enough, or ten seconds' worth of frames went by.
+    """Read an open camera until there are samples enough, ten seconds' worth of frames went by, or a recording ends.
 
     Raises AppError when no image comes, HardwareError when the camera is lost.
     """
     sampler = PalmSampler(profile, detector, [])
     for number in range(MAX_FRAMES):
-        frame = _next_frame(camera, SILENCE_S if number else FIRST_FRAME_S)
+        try:
+            frame = _next_frame(camera, SILENCE_S if number else FIRST_FRAME_S)
+        except EndOfRecording:
+            break
         sampler.take(frame)
         watch(sampler, frame)
         if sampler.enough:

@@ -185,7 +185,7 @@ def camera_records(
             rate_hz=setup.config.camera.rate_hz,
             focal_px=observed.fx_px,
             intrinsics_source=observed.source.value,
-            mirrored=setup.config.camera.mirrored,
+            mirrored=setup.config.camera.turned_back,
             measured_hz=rate.hz,
             frames=rate.frames,
         ),

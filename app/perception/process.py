@@ -1,7 +1,7 @@
 """The perception process: camera → pipeline → report, and the image for the screen. A thin shell.
 
 Every frame ends in one sent report, also when there is no hand, no model yet or no camera: silence means that this
-process is gone, and control treats it so.
+process is gone, and control treats it so. Between two frames of a slow camera the last report is sent again.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ from app.recording.sink import RecordingSink
 from app.system.config import SessionSetup
 from app.system.scheduling import avoid_control_core, gc_freeze, set_scheduling
 from hal.cameras.camera import Frame, Intrinsics
-from kgdfa.button import ButtonMode, ButtonPlace
+from kgdfa.button import STALE_NS, ButtonMode, ButtonPlace
 from kgdfa.draw import draw
 from kgdfa.pipeline import Pipeline, PipelineInput, Report
 from kgdfa.press_zone import PressZone
@@ -105,7 +105,7 @@ class Perception:
             if frame is not None or self._camera.fault:  # while there is no camera, there is time to load
                 self._detector.begin()
             if frame is None:
-                self._send_report(None, self._last_captured_ns)
+                self._send_report(self._report_in_force(), self._last_captured_ns)
                 if self._camera.fault:  # a closed camera returns at once: ten reports a second suffice
                     time.sleep(FRAME_TIMEOUT_S)
             else:
@@ -129,6 +129,11 @@ class Perception:
         self._sink.close()
         for link in self._links:
             link.close()
+
+    def _report_in_force(self) -> Report | None:
+        """Between two frames of a slow camera the last one's; None once it has paused, as the button takes it."""
+        paused = time.monotonic_ns() - self._last_captured_ns > STALE_NS
+        return None if paused or self._camera.fault else self._last
 
     def _handle_commands(self) -> None:
         while (command := self._commands.receive()) is not None:
@@ -210,7 +215,7 @@ class Perception:
         """Once after some seconds the camera is recorded again, with its measured rate; and at the end, see `close`."""
         self._frame = frame
         before_ns = self._rate.lasts_ns
-        self._rate.add(frame.captured_ns)
+        self._rate.add(frame.captured_ns, self._openings)
         if before_ns < RATE_AFTER_NS <= self._rate.lasts_ns:
             self._record_rate()
 

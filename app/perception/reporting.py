@@ -174,27 +174,26 @@ def frames_per_second(captures_ns: list[int]) -> float:
 
 @dataclass(slots=True)
 class MeasuredRate:
-    """The camera's rate over all captures since the first."""
+    """The camera's rate over all captures since the first, but for the times in which it was lost."""
 
     frames: int = 0
-    first_ns: int = 0
-    last_ns: int = 0
+    lasts_ns: int = 0  # of all intervals
+    _intervals: int = 0
+    _opening: int = 0
+    _last_ns: int = 0
 
-    def add(self, captured_ns: int) -> None:
-        """One more capture."""
-        self.first_ns = self.first_ns or captured_ns
-        self.last_ns = captured_ns
+    def add(self, captured_ns: int, opening: int) -> None:
+        """One more capture; opening: number of the camera's opening that it is of."""
+        if self.frames and opening == self._opening:
+            self.lasts_ns += captured_ns - self._last_ns
+            self._intervals += 1
+        self._opening, self._last_ns = opening, captured_ns
         self.frames += 1
-
-    @property
-    def lasts_ns(self) -> int:
-        """From the first capture to the newest."""
-        return self.last_ns - self.first_ns
 
     @property
     def hz(self) -> float | None:
         """1/s; None before the second capture."""
-        return (self.frames - 1) * 1e9 / self.lasts_ns if self.lasts_ns > 0 else None
+        return self._intervals * 1e9 / self.lasts_ns if self.lasts_ns > 0 else None
 
 
 Image = NDArray[np.uint8]

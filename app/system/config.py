@@ -12,6 +12,7 @@ from msgspec.structs import replace
 
 from app.ipc.streams import LinkDirectory
 from app.system.errors import AppError
+from hal.cameras.webcam_list import same_webcam
 from hal.errors import HardwareError
 from hal.inputs.device import InputDevice, check_inputs
 from hal.joints.device import EMULATED_INTERFACES
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
 CameraKind = Literal["digital-hand", "webcam", "realsense", "recording"]
 ArmFrom = Literal["below", "left", "above", "right", "anywhere"]
 JointsKind = Literal["simulated", "can"]
+RATES_HZ = (0.1, 120.0)  # of a camera, least and most
 HOST_FORM = r"^([A-Za-z0-9]([A-Za-z0-9.-]*[A-Za-z0-9])?(:[0-9]{1,5})?)?$"  # name or IPv4 address, and port
 
 
@@ -45,7 +47,7 @@ class CameraConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     device: str = ""  # webcam: name or index; recording: path; realsense: serial or path of a recording
     width_px: Annotated[int, Meta(ge=160, le=4096)] = 1280
     height_px: Annotated[int, Meta(ge=120, le=2160)] = 720
-    rate_hz: Annotated[float, Meta(ge=0.1, le=120)] = 30.0
+    rate_hz: Annotated[float, Meta(ge=RATES_HZ[0], le=RATES_HZ[1])] = 30.0
     focal_px: Annotated[float, Meta(gt=0, le=100_000)] | None = None
     mirrored: bool = False
     arm: ArmFrom = "below"  # where on the unmirrored image the patient's arm comes from
@@ -54,6 +56,11 @@ class CameraConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     limit: Literal["none", "two-fingers", "no-spread", "tremor"] = "none"  # digital hand: what it can't do
     depth: bool = False  # digital hand: give a D435i's depth as well, also where the patient needs none
     depth_holes: Annotated[float, Meta(ge=0, le=1)] = 0.0  # digital hand: share of frames whose depth misses the hand
+
+    @property
+    def turned_back(self) -> bool:
+        """Whether its mirrored images are turned back; a RealSense and the digital hand mirror none."""
+        return self.mirrored and self.kind in {"webcam", "recording"}
 
 
 class JointsConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -167,8 +174,10 @@ def with_choices(
 
 
 def with_camera(settings: CameraConfig, kind: str, device: str) -> CameraConfig:
-    """These settings for that camera; focal length and mirroring are those of their own kind."""
-    own = {} if settings.kind == kind else {"focal_px": None, "mirrored": False}
+    """These settings for that camera; focal length and mirroring are those of their own camera."""
+    same_device = settings.device == device or (kind == "webcam" and same_webcam(settings.device, device))
+    same = settings.kind == kind and same_device
+    own = {} if same else {"focal_px": None, "mirrored": False}
     return replace(settings, kind=kind, device=device, **own)
 
 
@@ -184,6 +193,7 @@ class SessionSetup(Struct, frozen=True, kw_only=True):
     role: str = "therapist"
     host_pid: int = 0  # the process that runs the session (app/session/supervise.py)
     host_started: str = ""  # when, as `app.session.shared.start_of` has it
+    began_ns: int = 0  # monotonic; 0: nobody knows
     linked: bool = False  # its console is on another computer (app/link)
 
     @property

@@ -20,7 +20,11 @@ from hal.errors import HardwareError, MicrophoneFault
 from hal.microphone import BLOCK_SAMPLES, RATE_HZ, Microphone, VoiceConfig, make_microphone
 
 NICENESS = 5  # after everything of the session
-_OF_FAULT = {MicrophoneFault.EXTRA_MISSING: Signal.NO_EXTRA, MicrophoneFault.NO_PORTAUDIO: Signal.NO_PORTAUDIO}
+_OF_FAULT = {
+    MicrophoneFault.EXTRA_MISSING: Signal.NO_EXTRA,
+    MicrophoneFault.NO_PORTAUDIO: Signal.NO_PORTAUDIO,
+    MicrophoneFault.RECORDING_ENDED: Signal.RECORDING_ENDED,
+}
 
 
 class Spotter(Protocol):

@@ -16,6 +16,7 @@ class Signal(Enum):
     NO_EXTRA = b"e"
     NO_PORTAUDIO = b"p"
     NO_MICROPHONE = b"m"
+    RECORDING_ENDED = b"r"
 
 
 class VoiceState(Enum):
@@ -27,6 +28,7 @@ class VoiceState(Enum):
     NO_EXTRA = "no extra"
     NO_PORTAUDIO = "no PortAudio"
     NO_MICROPHONE = "no microphone"
+    RECORDING_ENDED = "recording ended"
     SILENT = "silent"  # the process or its microphone stands still
 
 
@@ -37,4 +39,5 @@ STATE_OF = {
     Signal.NO_EXTRA: VoiceState.NO_EXTRA,
     Signal.NO_PORTAUDIO: VoiceState.NO_PORTAUDIO,
     Signal.NO_MICROPHONE: VoiceState.NO_MICROPHONE,
+    Signal.RECORDING_ENDED: VoiceState.RECORDING_ENDED,
 }

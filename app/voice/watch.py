@@ -9,6 +9,7 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from select import select
 
 import msgspec
 
@@ -16,12 +17,17 @@ from app.voice.signals import ALIVE_TIMEOUT_S, STATE_OF, Signal, VoiceState
 from hal.microphone import VoiceConfig
 
 RESTART_S = 5.0  # how often a microphone that is missing is looked for
+FIRST_BYTE_S = 60.0  # of a process that starts, and loads its model beside a session
+NEXT_BYTE_S = 10.0  # one without a byte for so long is ended: PortAudio may wait for ever for an unplugged device
 LISTENER: Sequence[str] = (sys.executable, "-m", "app.voice.listener")
 _KNOWN = {one.value: one for one in Signal}
 
 
 class VoiceStop:
-    """Runs the listening process again whenever it ends. `state` may be read from any thread."""
+    """Runs the listening process again whenever it ends or stands still, but for a recording that has ended.
+
+    `state` may be read from any thread.
+    """
 
     def __init__(self, voice: VoiceConfig, stop: Callable[[], object], command: Sequence[str] = LISTENER) -> None:
         """stop: called in a thread of its own, once a word."""
@@ -69,6 +75,8 @@ class VoiceStop:
         while not self._ending.is_set():
             with suppress(OSError):
                 self._listen()
+            if self._state is VoiceState.RECORDING_ENDED:
+                return
             if self._state in {VoiceState.STARTING, VoiceState.LISTENING, VoiceState.NO_SOUND}:
                 self._state = VoiceState.SILENT
             self._ending.wait(RESTART_S)
@@ -89,6 +97,9 @@ class VoiceStop:
             with suppress(OSError):
                 child.stdin.write(msgspec.json.encode(self._voice))
                 child.stdin.close()
-            while received := child.stdout.read1():
+            limit_s = FIRST_BYTE_S
+            while select([child.stdout], [], [], limit_s)[0] and (received := child.stdout.read1()):
                 self.take(received)
+                limit_s = NEXT_BYTE_S
+            child.kill()
         self._child = None

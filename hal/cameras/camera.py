@@ -77,6 +77,15 @@ class Camera(Protocol):
         """Stop it; does nothing when it isn't open."""
 
 
+@runtime_checkable
+class FiniteSource(Protocol):
+    """A camera that can play a recording."""
+
+    @property
+    def finite(self) -> bool:
+        """Whether it does: opened again, it begins anew."""
+
+
 class EndOfRecording(Exception):  # noqa: N818 - not an error, the end of a finite source
     """A finite source has given its last frame."""
 
@@ -113,11 +122,12 @@ class LatestFrame(Generic[T]):
     def __init__(self, grab: Callable[[], T | None], *, lost: HardwareError, silence_s: float = SILENCE_S) -> None:
         """grab: blocks for the next frame, None when none came, HardwareError when the device is gone.
 
-        lost: raised when nothing came for silence_s.
+        lost: raised when nothing came for silence_s, or no first value for FIRST_FRAME_S.
         """
         self._grab = grab
         self._lost = lost
         self._silence_s = silence_s
+        self._limit_s = FIRST_FRAME_S
         self._changed = threading.Condition()
         self._value: T | None = None
         self._error: HardwareError | EndOfRecording | None = None
@@ -135,7 +145,7 @@ class LatestFrame(Generic[T]):
                 return value
             if self._error is not None:
                 raise self._error
-            if time.monotonic() - self._received_s > self._silence_s:
+            if time.monotonic() - self._received_s > self._limit_s:
                 raise self._lost
             return None
 
@@ -158,5 +168,5 @@ class LatestFrame(Generic[T]):
                 continue
             with self._changed:
                 self._value = value
-                self._received_s = time.monotonic()
+                self._received_s, self._limit_s = time.monotonic(), self._silence_s
                 self._changed.notify_all()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -114,15 +114,20 @@ def load(store: Path, camera: str) -> Intrinsics | None:
         entry: dict[str, Any] | None = parse_toml(read_text(store, MAX_TOML)).get(camera)
         if entry is None:
             return None
-        return Intrinsics(
-            width_px=int(entry["width_px"]),
-            height_px=int(entry["height_px"]),
-            source=IntrinsicsSource.MEASURED,
-            **{name: _between(entry[name], 0, 100_000, "length in pixels") for name in _LENGTHS},
-            **{name: _between(entry.get(name, 0.0), -10, 10, "lens distortion") for name in _DISTORTION},
-        )
+        return _measured(entry)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise HardwareError(CameraFault.INTRINSICS_UNREADABLE, path=store, detail=cause_of(error)) from error
+
+
+def _measured(values: Mapping[str, Any]) -> Intrinsics:
+    """Intrinsics from their values. Raises ValueError, KeyError or TypeError for what no camera has."""
+    return Intrinsics(
+        width_px=int(values["width_px"]),
+        height_px=int(values["height_px"]),
+        source=IntrinsicsSource.MEASURED,
+        **{name: _between(values[name], 0, 100_000, "length in pixels") for name in _LENGTHS},
+        **{name: _between(values.get(name, 0.0), -10, 10, "lens distortion") for name in _DISTORTION},
+    )
 
 
 _LENGTHS = ("fx_px", "fy_px", "cx_px", "cy_px")
@@ -202,7 +207,7 @@ def find_corners(image_bgr: ImageArray, board: Board) -> Corners | None:
 def calibrate(corners: Iterable[Corners], board: Board, width_px: int, height_px: int) -> Calibration:
     """Intrinsics and the first two terms of radial distortion, from the corners of several images.
 
-    Raises HardwareError for too few images, or when they don't agree on one lens.
+    Raises HardwareError for too few images, when they don't agree on one lens, or show too little of it.
     """
     found = list(corners)
     if len(found) < MIN_IMAGES:
@@ -219,15 +224,18 @@ def calibrate(corners: Iterable[Corners], board: Board, width_px: int, height_px
     )
     if not (np.isfinite(matrix).all() and residual <= MAX_RESIDUAL_PX):
         raise HardwareError(CameraFault.CHESSBOARDS_DISAGREE, residual_px=float(residual), limit_px=MAX_RESIDUAL_PX)
-    intrinsics = Intrinsics(
-        width_px=width_px,
-        height_px=height_px,
-        fx_px=float(matrix[0, 0]),
-        fy_px=float(matrix[1, 1]),
-        cx_px=float(matrix[0, 2]),
-        cy_px=float(matrix[1, 2]),
-        source=IntrinsicsSource.MEASURED,
-        k1=float(distortion.ravel()[0]),
-        k2=float(distortion.ravel()[1]),
-    )
+    values = {
+        "width_px": width_px,
+        "height_px": height_px,
+        "fx_px": matrix[0, 0],
+        "fy_px": matrix[1, 1],
+        "cx_px": matrix[0, 2],
+        "cy_px": matrix[1, 2],
+        "k1": distortion.ravel()[0],
+        "k2": distortion.ravel()[1],
+    }
+    try:
+        intrinsics = _measured(values)
+    except ValueError as error:
+        raise HardwareError(CameraFault.CHESSBOARDS_ALIKE) from error
     return Calibration(intrinsics=intrinsics, residual_px=float(residual), used=len(found))

@@ -60,6 +60,7 @@ class PlaybackCamera:
         self._store = store
         self._pending: Iterator[RecordedFrame] | None = None
         self._next: RecordedFrame | None = None
+        self._error: HardwareError | None = None  # of what comes after `_next`
         self._started_ns = 0
         self._sequence = 0
         self._intrinsics: Intrinsics | None = None
@@ -68,9 +69,13 @@ class PlaybackCamera:
     def name(self) -> str:
         return self._path.name
 
+    @property
+    def finite(self) -> bool:
+        return True
+
     def open(self) -> None:
         """Start from the beginning. Raises HardwareError without one readable image."""
-        self._pending = self._source()
+        self._pending, self._error = self._source(), None
         self._next = next(self._pending, None)
         if self._next is None:
             raise HardwareError(RecordingFault.EMPTY, path=self._path)
@@ -85,16 +90,16 @@ class PlaybackCamera:
             raise HardwareError(CameraFault.NOT_OPEN, camera=self.name)
         frame = self._next
         if frame is None:
-            raise EndOfRecording
+            raise self._error or EndOfRecording()
         if self._paced and not _wait_until(self._due_ns(frame), timeout_s):
             return None
         limit_ns = time.monotonic_ns() + round(timeout_s * 1e9)
-        self._next = next(self._pending, None)
+        self._next = self._read_ahead(self._pending)
         while self._paced and self._next is not None and self._due_ns(self._next) <= (now_ns := time.monotonic_ns()):
             if now_ns >= limit_ns:
                 break
             period_ns = self._next.offset_ns - frame.offset_ns
-            frame, self._next = self._next, next(self._pending, None)
+            frame, self._next = self._next, self._read_ahead(self._pending)
             if time.monotonic_ns() - now_ns > period_ns:
                 break  # decoding alone is slower than the video: skipping gains nothing
         height, width = frame.image_bgr.shape[:2]
@@ -109,6 +114,14 @@ class PlaybackCamera:
 
     def close(self) -> None:
         self._pending = self._next = None
+
+    def _read_ahead(self, pending: Iterator[RecordedFrame]) -> RecordedFrame | None:
+        """The image after the next, None without one: why is kept until the next one is given."""
+        try:
+            return next(pending, None)
+        except HardwareError as error:
+            self._error = error
+            return None
 
     def _due_ns(self, frame: RecordedFrame) -> int:
         return self._started_ns + frame.offset_ns

@@ -1,7 +1,7 @@
 """Intel RealSense D400 cameras, live or from a .bag or .db3: colour, and depth aligned to it.
 
 librealsense is imported only here and only when such a camera is opened. It is read in a thread: a driver that hangs
-("Frame didn't arrive within 5000") is reported within two seconds and opened anew.
+("Frame didn't arrive within 5000") is reported two seconds after the last frame and opened anew.
 """
 
 from __future__ import annotations
@@ -78,18 +78,22 @@ class RealSenseCamera:
         """Model and serial number, or the recording's file name."""
         return self._name
 
+    @property
+    def finite(self) -> bool:
+        """Whether it plays a recording."""
+        return self._software is None and Path(self._device).suffix.lower() in RECORDINGS
+
     def open(self) -> None:
         """Start it. Raises HardwareError: no library, no camera, a slow port, a recording that can't be read."""
         rs = library()
         config = rs.config()
         path = Path(self._device).expanduser()
-        recorded = self._software is None and path.suffix.lower() in RECORDINGS
         try:
             if self._software is not None:
                 self._name = _info(rs, self._software, "name") or "RealSense"
                 self._begin(rs, SensorStreams(rs, self._software))
             else:
-                if recorded:
+                if self.finite:
                     self._prepare_recording(config, path)
                 else:
                     self._prepare_live(rs, config)
@@ -99,7 +103,7 @@ class RealSenseCamera:
             raise
         except RuntimeError as error:
             self.close()
-            code = CameraFault.REALSENSE_RECORDING_DAMAGED if recorded else CameraFault.REALSENSE_NOT_STARTED
+            code = CameraFault.REALSENSE_RECORDING_DAMAGED if self.finite else CameraFault.REALSENSE_NOT_STARTED
             detail = str(error).rpartition("Reason: ")[2]  # before it, librealsense repeats the whole path
             raise HardwareError(code, camera=self._name, detail=detail) from error
         self._sequence = 0

@@ -1,10 +1,8 @@
-"""Webcams through OpenCV: listed by name, opened by name or index, resolution and rate negotiated."""
+"""Webcams through OpenCV: opened by name or index, resolution and rate negotiated."""
 
 from __future__ import annotations
 
-import re
 import time
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,42 +10,8 @@ import cv2
 
 from hal.cameras.camera import Frame, ImageArray, Intrinsics, LatestFrame
 from hal.cameras.intrinsics import choose
+from hal.cameras.webcam_list import SYSFS, find_webcam, list_webcams
 from hal.errors import CameraFault, HardwareError
-
-SYSFS = Path("/sys/class/video4linux")
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class WebcamEntry:
-    """One video device as the kernel lists it."""
-
-    index: int
-    name: str
-
-
-def list_webcams(sysfs: Path = SYSFS) -> tuple[WebcamEntry, ...]:
-    """The video devices of this machine, by index. A camera may list more than one; its images are on the first."""
-    found = []
-    for entry in sysfs.glob("video*"):
-        number = re.fullmatch(r"video(\d+)", entry.name)
-        label = entry / "name"
-        if number and label.is_file():
-            found.append(WebcamEntry(index=int(number[1]), name=label.read_text(errors="replace").strip()))
-    return tuple(sorted(found, key=lambda entry: entry.index))
-
-
-def find_webcam(device: str, entries: tuple[WebcamEntry, ...]) -> WebcamEntry:
-    """By index, or by a part of its name; "" is the first. Raises HardwareError listing what there is."""
-    wanted = device.strip().lower()
-    for entry in entries:
-        if wanted in ("", str(entry.index), f"/dev/video{entry.index}") or (
-            not wanted.isdigit() and wanted in entry.name.lower()
-        ):
-            return entry
-    if not entries:
-        raise HardwareError(CameraFault.NO_WEBCAM)
-    known = ", ".join(f"{entry.index} ({entry.name})" for entry in entries)
-    raise HardwareError(CameraFault.WEBCAM_NOT_FOUND, device=device, known=known)
 
 
 class WebcamCamera:

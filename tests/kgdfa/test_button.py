@@ -228,6 +228,16 @@ def test_a_hand_that_drifts_across_the_threshold_is_no_push_and_reported(fall_m:
     assert run([Seen(FAR), Seen(NEAR), Seen(NEAR)], state=run([Seen(FAR)], state=state)).pressed
 
 
+@pytest.mark.parametrize(("rate_hz", "hint"), [(5.0, PressHint.MORE_IMAGES), (6.0, None)])
+def test_a_push_of_which_too_few_images_come_does_not_press_and_is_reported(
+    rate_hz: float, hint: PressHint | None
+) -> None:
+    state = ButtonState()
+    for distance_m in (0.30, 0.30, 0.25, NEAR, NEAR):
+        state = step(state, Seen(distance_m), after_ns=round(1e9 / rate_hz))
+    assert (state.pressed, state.hint) == (hint is None, hint)
+
+
 def test_a_hand_that_hovers_about_the_threshold_never_presses() -> None:
     state = ButtonState()
     for frame in range(600):

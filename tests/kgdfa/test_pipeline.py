@@ -13,7 +13,7 @@ from kgdfa.pipeline import UNRECOGNISED_FRAMES, Pipeline, PipelineInput, Report
 from kgdfa.preprocess import Image
 from kgdfa.published import PublishedRules
 from kgdfa.robust_distance import RobustRange
-from kgdfa.track import Enrolment
+from kgdfa.track import LOST_FRAMES, Enrolment
 from tests.kgdfa.hands import STATES, drawn_hand
 
 BLACK = np.zeros((720, 1280, 3), np.uint8)
@@ -76,6 +76,13 @@ def test_a_hand_read_as_two_gestures_in_turn_commands_neither_and_is_told_so() -
     assert refusal is not None
     assert refusal.code is HandRefusal.ALTERNATING
     assert refusal.values == {"gesture": Gesture.TWO, "other": Gesture.THREE}
+
+
+def test_a_hand_read_in_turns_that_has_left_is_reported_no_more() -> None:
+    turns = [(shown(gesture),) for gesture in (Gesture.THREE, Gesture.TWO) * 2 for _ in range(4)]
+    reports = run([*turns, (), *turns[-1:], *[()] * (LOST_FRAMES + 1)])
+    assert all(report.refusal for report in reports[len(turns) - 1 : len(turns) + 2]), "over a frame without it as well"
+    assert reports[-1].refusal is None
 
 
 def at_edge(gesture: Gesture, off_px: float) -> tuple[Hand]:

@@ -148,13 +148,30 @@ BASE = CameraConfig(kind="webcam", device="0", focal_px=900.0, mirrored=True)
         ("realsense@15", ("realsense", "", 1, False, 15.0), DistanceUsed.DEPTH),
         ("/data/one.bag", ("realsense", "/data/one.bag", 1, False, 30.0), DistanceUsed.DEPTH),
         ("C920", ("webcam", "C920", 1, False, 30.0), DistanceUsed.MONOCULAR),
+        ("0@15", ("webcam", "0", 1, False, 15.0), DistanceUsed.MONOCULAR),
     ],
 )
 def test_cameras_are_named_as_people_name_them(source: str, expected: tuple[object, ...], used: DistanceUsed) -> None:
     made, found = parse_camera(source, BASE)
     assert (made.kind, made.device, made.seed, made.depth, made.rate_hz) == expected
     assert found is used
-    assert made.mirrored == (made.kind == "webcam"), "what is known of one camera is not taken for another"
+    own = (made.kind, made.device) == (BASE.kind, BASE.device)
+    assert (made.focal_px, made.mirrored) == ((900.0, True) if own else (None, False)), "of one camera, not of another"
+
+
+@pytest.mark.parametrize("rate", ["0", "0.05", "121", "999"])
+def test_a_rate_that_no_camera_has_is_refused(rate: str) -> None:
+    with pytest.raises(AppError) as refused:
+        parse_camera(f"digital-hand@{rate}", BASE)
+    assert refused.value.code is LookFault.RATE_OUT_OF_RANGE
+    assert refused.value.values == {"rate_hz": float(rate), "least_hz": 0.1, "most_hz": 120.0}
+
+
+def test_a_folder_whose_name_ends_as_a_rate_does_is_taken_as_it_is(tmp_path: Path) -> None:
+    folder = tmp_path / "walk@25"
+    folder.mkdir()
+    made = [parse_camera(f"{folder}{rate}", BASE)[0] for rate in ("", "@10")]
+    assert [(one.device, one.rate_hz) for one in made] == [(str(folder), 30.0), (str(folder), 10.0)]
 
 
 def test_two_names_of_one_device_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -17,14 +17,15 @@ from app.console.widgets.panel import Lines
 from app.ipc.messages import TriggerReport
 from app.ipc.states import Action
 from app.ipc.streams import LinkDirectory
-from app.perception.pipeline import enrolment_of, make_camera
-from app.system.config import CameraConfig, Config, SessionSetup
+from app.perception.pipeline import camera_records, enrolment_of, make_camera
+from app.system.config import CameraConfig, CameraKind, Config, SessionSetup
 from app.text.catalogue import tr, use_language
 from hal.cameras.digital_hand.driver import DigitalHandCamera
 from kgdfa.gesture import Gesture, HandRefusal
 from kgdfa.hand import Side
 from logs.reason import reason
 from profiles.schema import DEMO_PATIENT, GestureUsed, HandUsed
+from tests.app.perception.test_camera_supervisor import Fragile
 
 
 def setup_for(hand: HandUsed, camera: CameraConfig | None = None) -> SessionSetup:
@@ -50,6 +51,17 @@ def test_the_profiles_hand_is_enrolled_and_shown(hand: HandUsed, side: Side | No
     assert isinstance(camera, DigitalHandCamera)
     drawn = DigitalHandCamera(seed=setup.config.camera.seed).person.shape.left
     assert camera.person.shape.left is (drawn if side is None else side is Side.LEFT)
+
+
+@pytest.mark.parametrize(
+    ("kind", "turned"), [("webcam", True), ("recording", True), ("realsense", False), ("digital-hand", False)]
+)
+def test_the_trail_calls_only_images_mirrored_that_are_turned_back(kind: CameraKind, turned: bool) -> None:
+    frame = Fragile().read(0.0)
+    assert frame is not None
+    for mirrored in (True, False):
+        setup = setup_for(HandUsed.RIGHT, CameraConfig(kind=kind, mirrored=mirrored))
+        assert camera_records(setup, "cam", frame)[0].mirrored is (mirrored and turned)
 
 
 def test_the_digital_person_shows_the_wrong_hand_where_asked() -> None:

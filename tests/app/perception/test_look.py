@@ -13,6 +13,7 @@ from typer.testing import CliRunner
 from app.cli import cli
 from app.cli.compare_cameras import compare_cameras
 from app.ipc.streams import LinkDirectory
+from app.perception import look
 from app.perception.look import _Look
 from app.system.config import Config, SessionSetup
 from app.system.errors import AppError
@@ -35,10 +36,13 @@ def test_a_comparison_sets_up_the_hand_model_first_as_a_session_does(tmp_path: P
     assert done.exception.code is ModelFault.CONFIGURED_MISSING
 
 
-def test_a_camera_that_can_t_be_opened_ends_the_comparison_with_its_reason(tmp_path: Path) -> None:
+def test_a_camera_that_can_t_be_opened_ends_the_comparison_with_its_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     home = Home(tmp_path)
     (tmp_path / "hand.task").touch()  # it is not come to
     home.config.write_text(f'model = "{tmp_path / "hand.task"}"\n', encoding="utf-8")
+    monkeypatch.setattr(look, "RATES_HZ", (0.1, 999.0))  # the digital hand itself refuses it, in its process
     sources = ("digital-hand@999", "digital-hand")
     found = compare_cameras(home, sources, seconds=1, alone_s=0, ruler_m=None, patient=DEMO_PATIENT)
     fault = found.faults[0]

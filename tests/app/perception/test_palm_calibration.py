@@ -7,7 +7,7 @@ import pytest
 
 from app.perception.palm_calibration import WANTED_SAMPLES, PalmHint, PalmSampler, sample_palm
 from app.system.errors import AppError
-from hal.cameras.camera import Frame, Intrinsics, IntrinsicsSource
+from hal.cameras.camera import EndOfRecording, Frame, Intrinsics, IntrinsicsSource
 from kgdfa.hand import Hand, Side
 from kgdfa.preprocess import Image
 from kgdfa.robust_distance import RIGID, SHAPE, RobustRange
@@ -110,6 +110,23 @@ def test_what_is_no_palm_before_the_camera_is_no_sample_and_helped(
     assert hints[-1] is hint
     with pytest.raises(ProfileError, match="TOO_FEW_SAMPLES count=0"):
         sampler.solve("grey", TRUE_M, AT)
+
+
+class Recording(Frames):
+    """A camera of ours that has no more images after its last one."""
+
+    def read(self, timeout_s: float) -> Frame | None:
+        if not self.left:
+            raise EndOfRecording
+        return super().read(timeout_s)
+
+
+def test_a_recording_that_ends_is_solved_with_what_it_showed(patient: Profile) -> None:
+    enough = sample_palm(patient, Recording(40), Shown(palm()), lambda *_: None)
+    assert enough.solve("grey", TRUE_M, AT).reference_m == pytest.approx(TRUE_REFERENCE_M, rel=0.02)
+    short = sample_palm(patient, Recording(3), Shown(palm()), lambda *_: None)
+    with pytest.raises(ProfileError, match="TOO_FEW_SAMPLES count=3"):
+        short.solve("grey", TRUE_M, AT)
 
 
 def test_another_resolution_starts_anew(patient: Profile) -> None:

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import os
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import ClassVar
 
+import numpy as np
 import pytest
 
 from app.ipc.links import Address, new_link_directory
@@ -17,6 +19,9 @@ from app.perception.process import Perception
 from app.system.config import CameraConfig, Config, SessionSetup
 from hal.cameras.camera import Frame
 from hal.errors import CameraFault, HardwareError
+from kgdfa.button import STALE_NS, ButtonPlace, ButtonState
+from kgdfa.hand import Hand, Side
+from kgdfa.pipeline import PipelineInput, Report
 from logs.records import Camera, ProcessEnd
 from profiles.schema import DEMO_PATIENT
 
@@ -151,6 +156,63 @@ def test_a_camera_that_comes_back_with_another_image_size_begins_anew(
     cameras = [(one.camera, one.width_px) for one in Sink.records if isinstance(one, Camera)]
     assert cameras[-1] == (name, width_px)
     assert set(cameras) == {("built in", 640), (name, width_px)}
+
+
+class Held:
+    """A pipeline of ours that has a hand at the button in every frame."""
+
+    def process(self, source: PipelineInput) -> Report:
+        image_px = np.random.default_rng(1).uniform(100.0, 200.0, (21, 2))
+        return Report(
+            captured_ns=source.captured_ns,
+            hand=Hand(image_px=image_px, world_m=np.zeros((21, 3)), presence=0.9, side=Side.RIGHT),
+            verdict=None,
+            gesture=None,
+            recognised_ns=0,
+            votes=0,
+            distance=None,
+            depth_distance=None,
+            button=ButtonState(pressed=True, cancel_count=2),
+        )
+
+
+@pytest.mark.parametrize(
+    ("captured_in_ns", "unplugged", "held"),
+    [(3_600_000_000_000, False, True), (-STALE_NS, False, False), (3_600_000_000_000, True, False)],
+    ids=["between two frames", "paused", "lost"],
+)
+def test_between_two_frames_of_a_slow_camera_a_hand_stays_as_it_was(
+    made: Perception, monkeypatch: pytest.MonkeyPatch, captured_in_ns: int, unplugged: bool, held: bool
+) -> None:
+    """Every second read gives nothing. A capture time an hour ahead is recent for as long as the test may take."""
+    place = ButtonPlace.in_the_middle(640, 360, 0.2)
+    monkeypatch.setattr(pipeline, "make_pipeline", lambda *_: (Held(), place))
+    camera, sent = made._camera.camera, list[TriggerReport]()
+    read, between = camera.read, list[int]()
+
+    def slow(timeout_s: float) -> Frame | None:
+        if sent and sent[-1].detector_ready and sent[-1].hand and not between:
+            between.append(len(sent))
+            if unplugged:
+                raise HardwareError(CameraFault.UNPLUGGED, camera="digital")
+            return None
+        frame = read(timeout_s)
+        return None if frame is None else replace(frame, captured_ns=time.monotonic_ns() + captured_in_ns)
+
+    def take(message: TriggerReport) -> None:
+        sent.append(message)
+        if between or len(sent) > 1000:
+            made.end()
+
+    monkeypatch.setattr(camera, "read", slow)
+    Publisher.take = take
+    made.run()
+    made.close()
+    before, after = sent[-2:]
+    assert between == [len(sent) - 1]
+    assert (before.hand, before.pressed) == (True, True)
+    assert (after.hand, after.pressed, after.cancel_count) == (held, held, 2)
+    assert (after.captured_ns, after.sequence) == (before.captured_ns, before.sequence + 1)
 
 
 def test_a_detector_that_can_not_be_built_still_ends_in_order(

@@ -224,10 +224,19 @@ def test_a_refused_hand_is_told_and_recorded_once() -> None:
 def test_the_measured_rate_is_that_of_all_captures() -> None:
     rate = MeasuredRate()
     for count in range(16):
-        rate.add(1 + count * 50_000_000)
+        rate.add(1 + count * 50_000_000, 1)
     assert rate.frames == 16
     assert rate.hz == pytest.approx(20.0)
     assert MeasuredRate().hz is None
+
+
+def test_a_camera_that_was_lost_for_a_minute_is_no_slow_one() -> None:
+    rate = MeasuredRate()
+    for opening, began_s in ((1, 0.0), (2, 61.0)):
+        for count in range(31):
+            rate.add(round((1 + began_s + count / 30) * 1e9), opening)
+    assert (rate.frames, round(rate.lasts_ns / 1e9, 6)) == (62, 2.0)
+    assert rate.hz == pytest.approx(30.0)
 
 
 def test_nothing_new_leaves_no_record() -> None:

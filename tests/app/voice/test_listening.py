@@ -62,6 +62,7 @@ def test_what_is_missing_is_said_by_its_own_signal() -> None:
     ended = listen(Blocks(), lambda: pytest.fail("loaded for nothing"), lambda _: None)
     assert signal_of(ended) is Signal.NO_PORTAUDIO
     assert signal_of(HardwareError(MicrophoneFault.EXTRA_MISSING)) is Signal.NO_EXTRA
+    assert signal_of(HardwareError(MicrophoneFault.RECORDING_ENDED)) is Signal.RECORDING_ENDED
 
 
 def test_the_spotter_without_the_extra_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -128,6 +129,32 @@ def test_a_process_that_ends_is_a_state_and_no_error(script: str, state: VoiceSt
     voice = VoiceStop(ON, lambda: pytest.fail("nobody spoke"), process(script))
     voice.start()
     until(lambda: voice.state is state)
+    voice.close()
+
+
+@pytest.mark.parametrize(("limit", "script"), [("NEXT_BYTE_S", "out.write(b'l'); out.flush()"), ("FIRST_BYTE_S", "")])
+def test_a_process_that_stands_still_is_replaced(monkeypatch: pytest.MonkeyPatch, limit: str, script: str) -> None:
+    monkeypatch.setattr(f"app.voice.watch.{limit}", 0.2)
+    monkeypatch.setattr("app.voice.watch.RESTART_S", 0.05)
+    voice = VoiceStop(ON, lambda: pytest.fail("nobody spoke"), process(f"{script}; time.sleep(600)"))
+    voice.start()
+    until(lambda: voice._child)
+    first = voice._child
+    until(lambda: voice.state is VoiceState.SILENT)
+    until(lambda: voice._child not in (None, first))
+    assert first is not None
+    assert first.poll() is not None
+    voice.close()
+
+
+def test_a_recording_that_has_ended_is_not_played_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("app.voice.watch.RESTART_S", 0.0)
+    calls: list[None] = []
+    voice = VoiceStop(ON, lambda: calls.append(None), process("out.write(b'lsr')"))
+    voice.start()
+    voice._thread.join(20.0)
+    assert not voice._thread.is_alive()
+    assert (voice.state, len(calls)) == (VoiceState.RECORDING_ENDED, 1)
     voice.close()
 
 

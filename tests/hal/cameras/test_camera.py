@@ -7,6 +7,7 @@ import threading
 
 import pytest
 
+from hal.cameras import camera
 from hal.cameras.camera import EndOfRecording, LatestFrame
 from hal.errors import CameraFault, HardwareError
 from tests.support.errors import refused
@@ -40,16 +41,28 @@ def test_the_newest_value_is_given_once() -> None:
 
 
 def test_a_driver_that_hangs_is_reported_and_abandoned() -> None:
-    release = threading.Event()
+    release, values = threading.Event(), [1]
 
-    def hang() -> None:
-        release.wait(30)
+    def hang() -> int | None:
+        return values.pop() if values else release.wait(30) or None
 
-    newest: LatestFrame[int] = LatestFrame(hang, lost=LOST, silence_s=0.05)
+    newest = LatestFrame(hang, lost=LOST, silence_s=0.05)
+    assert newest.take(10.0) == 1
     with refused(CameraFault.NO_FRAMES, camera="cam"):
         newest.take(0.5)
     assert newest.stop() is False
     release.set()
+
+
+def test_the_first_value_may_take_longer_than_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(camera, "FIRST_FRAME_S", 0.2)
+    release = threading.Event()
+    newest = LatestFrame(lambda: release.wait(30) or None, lost=LOST, silence_s=0.0)
+    assert newest.take(0.01) is None
+    with refused(CameraFault.NO_FRAMES, camera="cam"):
+        newest.take(0.5)
+    release.set()
+    newest.stop()
 
 
 @pytest.mark.parametrize("error", [HardwareError(CameraFault.UNPLUGGED, camera="cam"), EndOfRecording()])

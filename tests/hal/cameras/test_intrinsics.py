@@ -77,6 +77,12 @@ def test_radial_distortion_is_solved_kept_and_read_back(tmp_path: Path) -> None:
     assert load(tmp_path / "cameras.toml", "cam") == found
 
 
+def test_a_distortion_that_could_not_be_read_back_is_refused() -> None:
+    corners = [find_corners(seen_board(LENS, *view), BOARD) for view in VIEWS]
+    with refused(CameraFault.CHESSBOARDS_ALIKE):
+        calibrate([bent(one, LENS, 0.0, 20.0) for one in corners if one is not None], BOARD, 640, 360)
+
+
 def test_an_image_without_a_board_shows_none() -> None:
     assert find_corners(np.full((360, 640, 3), 128, np.uint8), BOARD) is None
 

@@ -92,7 +92,7 @@ def test_images_of_another_size_than_the_first_are_refused(kept: Kept, tmp_path:
 
     for path in sorted(folder.iterdir())[1:]:
         cv2.imwrite(str(path), np.zeros((HEIGHT // 2, WIDTH // 2, 3), np.uint8))
-    camera = open_camera("recording", device=str(folder))
+    camera = PlaybackCamera(folder, folder_source(folder), paced=False)
     camera.open()
     assert camera.read(1.0) is not None
     with refused(CameraFault.OTHER_RESOLUTION, width_px=WIDTH, image_width_px=WIDTH // 2):

@@ -7,8 +7,10 @@ from pathlib import Path
 import cv2
 import pytest
 
+from hal.cameras import webcam_list
 from hal.cameras.intrinsics import assumed, save
-from hal.cameras.webcam import WebcamCamera, find_webcam, list_webcams
+from hal.cameras.webcam import WebcamCamera
+from hal.cameras.webcam_list import find_webcam, list_webcams, same_webcam
 from hal.errors import CameraFault
 from tests.support.errors import refused
 
@@ -21,6 +23,8 @@ def sysfs(tmp_path: Path) -> Path:
         (folder / "name").write_text(name + "\n")
     (tmp_path / "v4l-subdev0").mkdir()
     (tmp_path / "video7").mkdir()  # vanished while we looked: no name any more
+    (tmp_path / "video8").mkdir()  # vanishes between two looks: reading its name fails
+    (tmp_path / "video8" / "name").symlink_to("/proc/self/mem")
     return tmp_path
 
 
@@ -41,6 +45,18 @@ def test_a_machine_without_video_devices_lists_none(tmp_path: Path) -> None:
 )
 def test_a_webcam_is_found_by_number_path_or_part_of_its_name(sysfs: Path, device: str, index: int) -> None:
     assert find_webcam(device, list_webcams(sysfs)).index == index
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "same"),
+    [("2", "C920", True), ("0", "c920", False), ("", "0", True), ("gone", "gone", True), ("gone", "2", False)],
+)
+def test_two_names_of_one_webcam_are_recognised(
+    sysfs: Path, monkeypatch: pytest.MonkeyPatch, first: str, second: str, same: bool
+) -> None:
+    listed = list_webcams(sysfs)
+    monkeypatch.setattr(webcam_list, "list_webcams", lambda: listed)
+    assert same_webcam(first, second) is same
 
 
 @pytest.mark.parametrize("device", ["1", "9", "logi", "/dev/video3"])
