@@ -50,6 +50,7 @@ def info(
             "chunks": found.chunks,
             "whole": found.whole,
             "damage": found.damage,
+            "source_damage": found.source_damage,
             "hash": proof.name.lower(),
             "key": key,
         }
@@ -68,9 +69,7 @@ def verify(file: FileArgument = "last", home: HomeOption = None) -> None:
     if not counted:
         print_text("recording.miscounted")
     missing = sent.known and sent.missing
-    raise typer.Exit(
-        0 if found.whole and not found.damage and proof is HashCheck.SAME and counted and not missing else 1
-    )
+    raise typer.Exit(0 if found.complete and proof is HashCheck.SAME and counted and not missing else 1)
 
 
 @cli.command("delete-pictures")
@@ -171,5 +170,7 @@ def _print_state(found: Recording, proof: HashCheck) -> None:
     size_bytes = found.path.stat().st_size
     per_hour_mb = size_bytes / 1e6 / found.duration_s * 3600 if found.duration_s else 0.0
     print_text(f"recording.{state}", chunks=found.chunks, duration_s=found.duration_s, damage=found.damage)
+    if found.source_damage:
+        print_text("recording.source", damage=found.source_damage)
     print_text("recording.size", size_mb=size_bytes / 1e6, per_hour_mb=per_hour_mb)
     print_text(f"recording.hash.{proof.name.lower()}")

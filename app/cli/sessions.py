@@ -81,7 +81,7 @@ def export(
 def _key(home: Home) -> bytes:
     from app.recording.deidentify import KEY_FILE
     from app.recording.encryption import load_or_make_secret
-    from app.recording.export import ExportFault
+    from app.recording.samples import ExportFault
     from app.system.errors import AppError
     from logs.reading.errors import cause_of
 
@@ -93,11 +93,12 @@ def _key(home: Home) -> bytes:
 
 def _write_recording(path: Path, to: Format, output: Path, key: bytes | None) -> None:
     from app.recording.deidentify import deidentify_recording
-    from app.recording.export import export, is_cut
+    from app.recording.export import export
 
-    target = export(path, to.value, output, None if key is None else deidentify_recording(path, key))
-    print_text("export.written", path=target)
-    if is_cut(path):
+    done = export(path, to.value, output, None if key is None else deidentify_recording(path, key))
+    for file in done.files:
+        print_text("export.written", path=file)
+    if not done.recording.complete:
         print_text("export.cut", path=path)
 
 

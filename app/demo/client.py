@@ -129,7 +129,8 @@ class SessionClient:
         latest = self._host.poll()
         if latest.report is not None:
             self.report = latest.report
-            self._frames.append(latest.report.captured_ns)
+            if latest.report.captured_ns > (self._frames[-1] if self._frames else 0):  # 0: before the first frame
+                self._frames.append(latest.report.captured_ns)
         if latest.snapshot is not None:
             self.snapshot = latest.snapshot
             self.actions.update({report.number: report for report in latest.snapshot.reports})

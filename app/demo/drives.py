@@ -30,6 +30,7 @@ class DemoFault(Enum):
     NO_PICTURE = "no picture"
     NOT_ARMED = "not armed"
     NOT_PREPARED = "not prepared"
+    LOAD_ENDED = "load ended"
 
 
 @contextmanager
@@ -86,10 +87,12 @@ def emulated_drives(base: JointsConfig, *, wearer: Profile | None = DEMO_PATIENT
             process.join(5.0)
 
 
-# Ends by itself once its parent is gone, however that ended. The parent's own niceness is not inherited.
+# Ends by itself once its parent is gone, however that ended. The parent's own niceness is not inherited, unless the
+# user may not take it back.
 _BUSY = """
-import os, sys
-os.setpriority(os.PRIO_PROCESS, 0, 0)
+import contextlib, os, sys
+with contextlib.suppress(PermissionError):
+    os.setpriority(os.PRIO_PROCESS, 0, 0)
 while os.getppid() == int(sys.argv[1]):
     for _ in range(1_000_000):
         pass
@@ -98,10 +101,12 @@ while os.getppid() == int(sys.argv[1]):
 
 @contextmanager
 def busy_processes(count: int) -> Iterator[tuple[int, ...]]:
-    """Keep that many processes busy while the body runs; their PIDs."""
+    """Keep that many processes busy while the body runs; their PIDs. Raises AppError when one ended before the body."""
     started = [subprocess.Popen([sys.executable, "-c", _BUSY, str(os.getpid())]) for _ in range(count)]
     try:
         yield tuple(process.pid for process in started)
+        if any(process.poll() is not None for process in started):
+            raise AppError(DemoFault.LOAD_ENDED)
     finally:
         for process in started:
             process.kill()

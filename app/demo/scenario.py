@@ -223,4 +223,6 @@ def _back(runner: RecoveringRunner, attempts: list[Attempt]) -> bool:
             return True
         attempts.append(runner.run(BACK_TO_STANDING))
         runner.relax()
+        if not attempts[-1].ok and not attempts[-1].interrupted:
+            return False
     return False

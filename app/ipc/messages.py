@@ -24,7 +24,10 @@ Quad = tuple[float, float, float, float]  # in the order of hal.joints.protocol.
 
 
 class TriggerReport(Struct, frozen=True, kw_only=True, tag="trigger"):
-    """Perception to control and console, one per frame. "No hand" is sent, so absence differs from silence."""
+    """Perception to control and console, one per frame. "No hand" is sent, so absence differs from silence.
+
+    While none comes, ten a second: a slow camera's last one with its `captured_ns`, after STALE_NS without a hand.
+    """
 
     incarnation: int
     sequence: int

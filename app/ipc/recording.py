@@ -44,7 +44,7 @@ class TickBatch(Struct, frozen=True, kw_only=True, tag="ticks"):
     """
 
     first_tick: int
-    lost_ticks: int  # that a full queue refused since the start
+    lost: dict[str, int] = {}  # messages by topic, of batches that a full queue refused since the start
     at_ns: bytes
     values: bytes
     contacts: tuple[Contact, ...] = ()

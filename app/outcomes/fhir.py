@@ -17,7 +17,7 @@ from app.outcomes.guided import last_completed
 from app.outcomes.session import SessionOutcomes
 from app.outcomes.table import RATINGS, ROWS, TESTS
 from app.recording.deidentify import Deidentified
-from app.recording.export import ExportFault
+from app.recording.samples import ExportFault
 from app.system.errors import AppError
 from app.system.program import VERSION, program_identity
 from app.text.catalogue import tr

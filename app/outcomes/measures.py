@@ -43,8 +43,8 @@ class Range(Struct, frozen=True, kw_only=True):
 class Measures(Struct, frozen=True, kw_only=True):
     """One session, or one part of it; None: not measured."""
 
-    steps: int
-    walking_time_s: float  # from the first movement of a foot to its last; rests of a second and more are none
+    steps: int | None
+    walking_time_s: float | None  # from the first movement of a foot to its last; rests of a second and more are none
     up_time_s: float | None = None  # standing or walking, powered
     distance_m: float | None = None  # on the level, of the middle between both feet
     speed_m_s: float | None = None  # distance by walking time

@@ -22,7 +22,17 @@ from hal.joints.body import Body
 from hal.joints.protocol import TICK_S
 from logs.errors import AuditError
 from logs.read import duration_s, find_session, read, records, understand
-from logs.records import ActionEnd, Discomfort, Exertion, GuidedTestResult, Pain, PatientChosen, Rating, Record
+from logs.records import (
+    ActionEnd,
+    Discomfort,
+    Exertion,
+    GuidedTestResult,
+    Pain,
+    PatientChosen,
+    Rating,
+    Record,
+    SessionStart,
+)
 from profiles.schema import DoseTargets, Profile
 
 COMPLETED = Outcome.COMPLETED.value
@@ -47,7 +57,7 @@ class OutcomeSource(Enum):
 class Dose(Struct, frozen=True, kw_only=True):
     """Done beside the target; None: not measured."""
 
-    steps: int
+    steps: int | None
     distance_m: float | None
     duration_s: float  # of the session, standing and sitting too, as the session screen counts it
     target: DoseTargets
@@ -63,6 +73,7 @@ class SessionOutcomes(Struct, frozen=True, kw_only=True):
     source: OutcomeSource
     measured_s: float  # how much of the session the measures are made of
     measures: Measures
+    joints_host: str = ""  # the other computer, which had the legs and has their trail; empty: none
     actions: dict[str, int]  # completed, by name
     dose: Dose | None = None  # None: its profile holds no targets
     discomfort: int | None = None  # 0 none to 10 worst; None: not asked
@@ -88,6 +99,8 @@ def of_recording(path: Path) -> SessionOutcomes:
     chosen = _chosen(trail)
     if chosen is None:
         raise AppError(OutcomesFault.NO_PATIENT, path=path)
+    if _joints_host(trail):
+        return _of_records(session_of(path), trail, chosen)
     history = history_of(legs, _body(path, chosen))
     if history is None:
         raise AppError(OutcomesFault.NO_LEGS, path=path)
@@ -96,7 +109,7 @@ def of_recording(path: Path) -> SessionOutcomes:
         session_of(path),
         trail,
         chosen,
-        source=OutcomeSource.RECORDING if recording.whole and not recording.damage else OutcomeSource.CUT_RECORDING,
+        source=OutcomeSource.RECORDING if recording.complete else OutcomeSource.CUT_RECORDING,
         measured_s=len(history.joints_rad) * TICK_S,
         measures=measure(history),
     )
@@ -111,18 +124,29 @@ def of_trail(path: Path) -> SessionOutcomes:
     chosen = _chosen(trail)
     if chosen is None:
         raise AppError(OutcomesFault.NO_PATIENT, path=path)
-    ends = [record.body for record in trail if isinstance(record.body, ActionEnd)]
-    before = [0, *(end.steps for end in ends)]  # an end holds the steps of the session so far
-    taken = [(end, end.steps - steps) for end, steps in zip(ends, before, strict=False)]
-    walks = [(end, steps) for end, steps in taken if end.action in WALKING_ACTIONS and end.first_motion_ns]
+    return _of_records(path.stem, trail, chosen)
+
+
+def _of_records(session: str, trail: Sequence[Record], chosen: PatientChosen) -> SessionOutcomes:
     return _outcomes(
-        path.stem,
+        session,
         trail,
         chosen,
         source=OutcomeSource.TRAIL,
         measured_s=duration_s(trail),
-        measures=Measures(steps=sum(steps for _, steps in walks), walking_time_s=_time_in_s([end for end, _ in walks])),
+        measures=_commanded(trail),
     )
+
+
+def _commanded(trail: Sequence[Record]) -> Measures:
+    """Steps and walking time as control commanded them; None where another computer's control did."""
+    if _joints_host(trail):
+        return Measures(steps=None, walking_time_s=None)
+    ends = [record.body for record in trail if isinstance(record.body, ActionEnd)]
+    before = [0, *(end.steps for end in ends)]  # an end holds the steps of the session so far
+    taken = [(end, end.steps - steps) for end, steps in zip(ends, before, strict=False)]
+    walks = [(end, steps) for end, steps in taken if end.action in WALKING_ACTIONS and end.first_motion_ns]
+    return Measures(steps=sum(steps for _, steps in walks), walking_time_s=_time_in_s([end for end, _ in walks]))
 
 
 def patient_of_trail(path: Path) -> str:
@@ -148,6 +172,7 @@ def _outcomes(
         source=source,
         measured_s=measured_s,
         measures=measures,
+        joints_host=_joints_host(trail),
         actions=_actions(trail),
         dose=dose_of(chosen.parameters, measures, duration_s(trail)),
         discomfort=last_rating(trail, Discomfort),
@@ -167,6 +192,13 @@ def _body(path: Path, chosen: PatientChosen) -> Body:
 
 def _chosen(trail: Iterable[Record]) -> PatientChosen | None:
     return next((record.body for record in trail if isinstance(record.body, PatientChosen)), None)
+
+
+def _joints_host(trail: Iterable[Record]) -> str:
+    """The other computer, of a trail of the laptop's; empty: the legs were this computer's."""
+    started = next((record.body for record in trail if isinstance(record.body, SessionStart)), None)
+    joints = started.configuration.get("joints") if started else None
+    return str(joints.get("host", "")) if isinstance(joints, dict) else ""
 
 
 def _records_beside(path: Path) -> list[Record]:

@@ -70,7 +70,9 @@ def find_steps(body: Body, joints_rad: Array) -> tuple[Step, ...]:
     supports = _supports(ankles[LEFT] - ankles[RIGHT], resting(joints_rad))
     found: list[Step] = []
     for before, after in pairwise(supports):
-        found.append(_step(ankles, before, after, first=not found))
+        step = _step(ankles, before, after, first=not found)
+        if step is not None:
+            found.append(step)
     return tuple(found)
 
 
@@ -159,13 +161,16 @@ def _level_at(apart: Array, tick: int) -> float:
     return float(before[0] + share * (after[0] - before[0]))
 
 
-def _step(ankles: tuple[Array, Array], before: _Support, after: _Support, *, first: bool) -> Step:
+def _step(ankles: tuple[Array, Array], before: _Support, after: _Support, *, first: bool) -> Step | None:
+    """None: no foot moved between the supports, the legs crept within one of them."""
     side = LEFT if after.apart_m > before.apart_m else RIGHT
     forward = 1 if side == LEFT else -1
     moving, standing = (ankles[one][before.last : after.first + 1] for one in (side, 1 - side))
     from_other = moving - standing
     left = np.flatnonzero(np.hypot(from_other[:, 0] - forward * before.apart_m, from_other[:, 1]) > IN_PLACE_M)
     away = np.flatnonzero(np.hypot(from_other[:, 0] - forward * after.apart_m, from_other[:, 1]) > IN_PLACE_M)
+    if not left.size or not away.size:
+        return None
     return Step(
         side=side,
         began=before.last + int(left[0]),

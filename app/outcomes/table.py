@@ -83,11 +83,13 @@ def changes_of() -> dict[str, str]:
 def remarks(found: Sequence[SessionOutcomes]) -> Iterator[tuple[str, dict[str, object]]]:
     """What a reader must know of each session: key and values of the wording."""
     for one in found:
-        if one.source is OutcomeSource.TRAIL:
+        if one.joints_host:
+            yield "outcomes.other_computer", {"session": one.session, "host": one.joints_host}
+        elif one.source is OutcomeSource.TRAIL:
             yield "outcomes.trail_only", {"session": one.session}
         if one.source is OutcomeSource.CUT_RECORDING:
             yield "outcomes.cut", {"session": one.session, "measured_s": one.measured_s}
-        if not one.measures.steps:
+        if one.measures.steps == 0:
             yield "outcomes.no_walking", {"session": one.session}
         for result in one.tests:
             if result.outcome != COMPLETED:

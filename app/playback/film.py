@@ -22,6 +22,7 @@ from app.playback.pen import Image
 from app.playback.session import Playback, ReplayFault, moment_ns
 from app.playback.view import WINDOW_S, Figure, Legs, View, Whole
 from app.system.errors import AppError
+from app.system.files import partial_file
 from logs import records as r
 from logs.reading.errors import cause_of
 from logs.show import WEIGHT
@@ -117,7 +118,7 @@ def write_film(
 
     Raises AppError.
     """
-    with _partial(target) as partial:
+    with _writable(target), partial_file(target) as partial:
         writer = cv2.VideoWriter(str(partial), cv2.VideoWriter.fourcc(*"mp4v"), fps, size_px)
         if not writer.isOpened():
             raise AppError(FilmFault.NO_FORMAT, path=target)
@@ -174,15 +175,11 @@ def whole_of(playback: Playback, speed: float) -> Whole:
 
 
 @contextmanager
-def _partial(target: Path) -> Iterator[Path]:
-    """A name beside the target, gone at the end unless it was moved there."""
-    partial = target.with_name(f".{target.stem}.{os.getpid()}.partial{target.suffix}")
+def _writable(target: Path) -> Iterator[None]:
     try:
-        yield partial
+        yield
     except OSError as error:
         raise AppError(FilmFault.UNWRITABLE, path=target, detail=cause_of(error)) from error
-    finally:
-        partial.unlink(missing_ok=True)
 
 
 def _check_room(target: Path, free_bytes: int) -> None:

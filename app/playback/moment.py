@@ -244,7 +244,7 @@ def _hand(playback: Playback, report: TriggerReport | None) -> Points | None:
 
 def _hand_on(playback: Playback, captured_ns: int) -> Points | None:
     """The keypoints of the very frame that a picture is of."""
-    found, width_px = playback.index.newest(schemas.KEYPOINTS, captured_ns, 1), playback.camera_width_px
+    found, width_px = playback.index.newest(schemas.KEYPOINTS, captured_ns, 1), playback.camera_width_px(captured_ns)
     if found is None or not width_px:
         return None
     points = np.array(_KEYPOINTS(found.data).image_px)

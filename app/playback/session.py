@@ -65,6 +65,7 @@ class Playback:
         self.records = self._read_trail()
         self.landmarks = InTime(one for one in self.records if is_landmark(one.body))
         self.changes = InTime(one for one in self.records if isinstance(one.body, CHANGES))
+        self.cameras = InTime(one for one in self.records if isinstance(one.body, r.Camera))
         self.commands = InTime(one for one in self.records if isinstance(one.body, r.Command))
         self._raised = _by_event(self.records, r.EventRaised)
         self._cleared = _by_event(self.records, r.EventCleared)
@@ -123,10 +124,10 @@ class Playback:
         except (KeyError, msgspec.ValidationError, HardwareError, AppError):
             return load_wearer(self.profile(), JointsConfig())
 
-    @property
-    def camera_width_px(self) -> int:
-        """Of the images that the keypoints lie on; 0: the trail has no camera."""
-        return next((one.body.width_px for one in self.records if isinstance(one.body, r.Camera)), 0)
+    def camera_width_px(self, at_ns: int) -> int:
+        """Of the images that the keypoints lie on then; 0: the trail has no camera."""
+        found = self.cameras.newest(at_ns) or self.cameras.next_after(at_ns)  # the first is recorded after its image
+        return found.body.width_px if found is not None and isinstance(found.body, r.Camera) else 0
 
     def close(self) -> None:
         """Release the files."""

@@ -8,37 +8,26 @@ from __future__ import annotations
 
 import csv
 import json
-import os
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
-from enum import Enum, auto
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from mcap.writer import MCAP0_MAGIC
 from numpy.typing import NDArray
 
 from app.recording import schemas
 from app.recording.deidentify import KEPT_TOPICS, Deidentified
-from app.recording.encryption import open_recording
-from app.recording.read import Recording, RecordingReadFault, messages, session_of
-from app.recording.schemas import JOINT_FIELDS
+from app.recording.read import CUT, Recording, messages, session_of
+from app.recording.samples import ABOUT, COLUMNS, ExportFault, Samples, read_samples, unit_of
 from app.recording.writer import RecordingWriter
 from app.system.errors import AppError
+from app.system.files import partial_file
+from app.system.paths import PICTURES_SUFFIX
 from hal.joints.device import JOINT_NAMES
-from hal.joints.protocol import TICK_HZ, TICK_NS
+from hal.joints.protocol import TICK_HZ
 from logs.reading.errors import cause_of
 
-QUANTITIES = ("position_rad", "velocity_rad_s", "torque_nm", "target_rad", "target_velocity_rad_s", "feedforward_nm")
-COLUMNS = tuple(f"{joint}_{quantity}" for quantity in QUANTITIES for joint in JOINT_NAMES)
-ABOUT = {
-    "axes": "angles at the joint; hip and knee flexion positive, standing = 0; torques in the same direction",
-    "units": "in each column's name: rad, rad/s, Nm, s",
-    "time": "time_s: since the first sample; monotonic_ns + wall_minus_monotonic_ns = UTC since 1970",
-    "missing": "a quantity that was not measured is NaN",
-}
-DATES_SHIFTED = {"dates": "shifted by whole days, the same for all sessions of a patient"}
 # The coordinates of Rajagopal's full-body model (2016), whose hips and knees flex positive as ours do.
 COORDINATES = {
     "left_hip": "hip_flexion_l",
@@ -46,68 +35,6 @@ COORDINATES = {
     "right_hip": "hip_flexion_r",
     "right_knee": "knee_angle_r",
 }
-
-
-class ExportFault(Enum):
-    """Why a recording is not exported."""
-
-    NO_SAMPLES = auto()  # path
-    EXISTS = auto()  # path
-    UNWRITABLE = auto()  # path, detail
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Samples:
-    """The joints of a recording: times (n,), values (n, 6, 4) in the order of QUANTITIES and Joint."""
-
-    recording: Recording
-    at_ns: NDArray[np.int64]
-    values: NDArray[np.float64]
-    deidentified: Deidentified | None = None
-
-    @property
-    def time_s(self) -> NDArray[np.float64]:
-        """Since the first sample."""
-        since: NDArray[np.float64] = (self.at_ns - self.at_ns[0]) / 1e9
-        return since
-
-    @property
-    def columns(self) -> dict[str, NDArray[Any]]:
-        """By name, in COLUMNS' order, after both times."""
-        flat = self.values.reshape(len(self.at_ns), -1)
-        times: dict[str, NDArray[Any]] = {"time_s": self.time_s, "monotonic_ns": self.at_ns}
-        return times | {name: flat[:, number] for number, name in enumerate(COLUMNS)}
-
-    @property
-    def about(self) -> dict[str, str]:
-        """Session, clock, units and axes."""
-        recording, deidentified = self.recording, self.deidentified
-        session = deidentified.name if deidentified else session_of(recording.path)
-        clock_ns = recording.clock_offset_ns + (deidentified.shift_ns if deidentified else 0)
-        found = {"session": session, "whole": str(recording.whole).lower(), "lost": _lost_joints(recording)} | ABOUT
-        return found | {"wall_minus_monotonic_ns": str(clock_ns)} | (DATES_SHIFTED if deidentified else {})
-
-    def at_rate(self) -> Samples:
-        """On a grid of control's rate, for formats without times: each tick's newest sample, late ones held."""
-        ticks = round((int(self.at_ns[-1]) - int(self.at_ns[0])) / TICK_NS) + 1
-        grid_ns = self.at_ns[0] + np.arange(ticks, dtype=np.int64) * TICK_NS
-        newest = np.searchsorted(self.at_ns, grid_ns + TICK_NS // 2, side="right") - 1
-        return replace(self, at_ns=grid_ns, values=self.values[newest])
-
-
-def read_samples(path: Path) -> Samples:
-    """Measured and commanded joints, tick by tick. Raises AppError."""
-    recording = Recording(path=path)
-    found: dict[str, dict[int, list[list[float]]]] = {schemas.JOINT_STATE: {}, schemas.JOINT_SETPOINT: {}}
-    for one in messages(recording, *found):
-        joints = one.value["joints"]
-        found[one.topic][one.at_ns] = [[joint.get(field, np.nan) for joint in joints] for field in JOINT_FIELDS]
-    measured, commanded = found.values()
-    times = sorted(measured.keys() & commanded.keys())  # the newest tick of a cut file may lack one
-    if not times:
-        raise AppError(ExportFault.NO_SAMPLES, path=path)
-    values = np.array([measured[at_ns] + commanded[at_ns] for at_ns in times])
-    return Samples(recording=recording, at_ns=np.array(times, dtype=np.int64), values=values)
 
 
 def to_csv(samples: Samples, target: Path) -> None:
@@ -155,17 +82,20 @@ def to_c3d(samples: Samples, target: Path) -> None:
     file.write(str(target))
 
 
-def to_opensim(samples: Samples, target: Path) -> None:
-    """Angles as a .mot file, torques as a .sto file beside it, by the names of Rajagopal's model."""
+def to_motion(samples: Samples, target: Path) -> None:
+    """Angles in OpenSim's format, by the names of Rajagopal's model."""
     even = samples.at_rate()
-    names = [COORDINATES[joint] for joint in JOINT_NAMES]
-    _write_storage(target, even, names, even.values[:, 0])
-    moments = [f"{name}_moment" for name in names]
-    _write_storage(target.with_suffix(".sto"), even, moments, even.values[:, 2])
+    _write_storage(target, even, [COORDINATES[joint] for joint in JOINT_NAMES], even.values[:, 0])
 
 
-def to_mcap(source: Path, target: Path, deidentified: Deidentified | None = None) -> None:
-    """A whole file of what can be read."""
+def to_storage(samples: Samples, target: Path) -> None:
+    """Torques in OpenSim's format, the same."""
+    even = samples.at_rate()
+    _write_storage(target, even, [f"{COORDINATES[joint]}_moment" for joint in JOINT_NAMES], even.values[:, 2])
+
+
+def to_mcap(source: Path, target: Path, deidentified: Deidentified | None = None) -> Recording:
+    """A whole file of what can be read; the recording as far as it was read."""
     if target.exists():
         raise AppError(ExportFault.EXISTS, path=target)
     recording = Recording(path=source)
@@ -177,70 +107,72 @@ def to_mcap(source: Path, target: Path, deidentified: Deidentified | None = None
     first = next(found, None)  # the clock is known from then on
     if first is None:
         raise AppError(ExportFault.NO_SAMPLES, path=source)
-    writer = RecordingWriter(target, topics, recording.clock_offset_ns + shift_ns)
-    writer.add(first.topic, first.at_ns, first.data)
-    for number, one in enumerate(found):
-        writer.add(one.topic, one.at_ns, one.data)
-        if number % 1000 == 0:
-            writer.settle(one.at_ns)
-    kept = {topic.name for topic in topics}
-    writer.lost.update({topic: number for topic, number in recording.lost.items() if topic in kept})
-    writer.finish()
-    if writer.fault is not None:
-        raise AppError(ExportFault.UNWRITABLE, path=target, detail=writer.fault)
+    with partial_file(target) as partial:
+        writer = RecordingWriter(partial, topics, recording.clock_offset_ns + shift_ns)
+        writer.add(first.topic, first.at_ns, first.data)
+        for number, one in enumerate(found):
+            writer.add(one.topic, one.at_ns, one.data)
+            if number % 1000 == 0:
+                writer.settle(one.at_ns)
+        kept = {topic.name for topic in topics}
+        writer.lost.update({topic: number for topic, number in recording.lost.items() if topic in kept})
+        if not recording.complete:
+            writer.source_damage = recording.damage or recording.source_damage or CUT
+        writer.finish()
+        if writer.fault is not None:
+            raise AppError(ExportFault.UNWRITABLE, path=target, detail=writer.fault)
+        partial.replace(target)
+    return recording
 
 
-FORMATS: dict[str, Callable[[Samples, Path], None]] = {
-    "parquet": to_parquet,
-    "csv": to_csv,
-    "c3d": to_c3d,
-    "opensim": to_opensim,
+def to_tables(samples: Samples, writers: dict[Path, Callable[[Samples, Path], None]]) -> None:
+    """Each file by its writer: all of them or none."""
+    with ExitStack() as stack:
+        partials = {target: stack.enter_context(partial_file(target)) for target in writers}
+        for target, write in writers.items():
+            write(samples, partials[target])
+        for target, partial in partials.items():
+            partial.replace(target)
+
+
+FORMATS: dict[str, dict[str, Callable[[Samples, Path], None]]] = {  # by suffix
+    "parquet": {".parquet": to_parquet},
+    "csv": {".csv": to_csv},
+    "c3d": {".c3d": to_c3d},
+    "opensim": {".mot": to_motion, ".sto": to_storage},
 }
-SUFFIXES = {"opensim": ".mot"}
 
 
-def export(path: Path, form: str, folder: Path, deidentified: Deidentified | None = None) -> Path:
-    """Write a recording in one format into a folder; the file. Raises AppError."""
+@dataclass(frozen=True, slots=True)
+class Exported:
+    """The files that were written, and the recording as far as it was read."""
+
+    files: tuple[Path, ...]
+    recording: Recording
+
+
+def export(path: Path, form: str, folder: Path, deidentified: Deidentified | None = None) -> Exported:
+    """Write a recording in one format into a folder; nothing is left of an export that fails. Raises AppError."""
+    if path.name.endswith(PICTURES_SUFFIX):
+        raise AppError(ExportFault.PICTURES, path=path)
     name = deidentified.name if deidentified else session_of(path)
-    target = folder / f"{name}{SUFFIXES.get(form, f'.{form}')}"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         if form == "mcap":
-            to_mcap(path, target, deidentified)
-        else:
-            FORMATS[form](replace(read_samples(path), deidentified=deidentified), target)
+            target = folder / f"{name}.mcap"
+            return Exported((target,), to_mcap(path, target, deidentified))
+        writers = {folder / f"{name}{suffix}": write for suffix, write in FORMATS[form].items()}
+        samples = replace(read_samples(path), deidentified=deidentified)
+        to_tables(samples, writers)
     except OSError as error:
-        raise AppError(ExportFault.UNWRITABLE, path=target, detail=cause_of(error)) from error
-    return target
-
-
-def is_cut(path: Path) -> bool:
-    """Whether a recording lacks its end, as after a crash. Raises AppError."""
-    try:
-        with open_recording(path) as file:
-            file.seek(-len(MCAP0_MAGIC), os.SEEK_END)
-            return file.read() != MCAP0_MAGIC
-    except OSError as error:
-        raise AppError(RecordingReadFault.UNREADABLE, path=path, detail=cause_of(error)) from error
-
-
-def unit_of(column: str) -> str:
-    """A column's unit, from its name."""
-    ends = {"_rad_s": "rad/s", "_rad": "rad", "_nm": "Nm", "_ns": "ns", "_s": "s"}
-    return next(unit for end, unit in ends.items() if column.endswith(end))
-
-
-def _lost_joints(recording: Recording) -> str:
-    """How many messages of the joints a recording lost, by topic: a cut file does not say."""
-    if not recording.whole:
-        return "unknown"
-    lost = {topic: recording.lost.get(topic, 0) for topic in (schemas.JOINT_STATE, schemas.JOINT_SETPOINT)}
-    return ", ".join(f"{topic} {number}" for topic, number in lost.items())
+        raise AppError(ExportFault.UNWRITABLE, path=folder / name, detail=cause_of(error)) from error
+    return Exported(tuple(writers), samples.recording)
 
 
 def _write_storage(target: Path, samples: Samples, names: list[str], values: NDArray[np.float64]) -> None:
     about = "; ".join(f"{name} {text}" for name, text in samples.about.items())
-    head = [target.stem, "version=1", f"nRows={len(values)}", f"nColumns={len(names) + 1}", "inDegrees=no", about]
+    size = f"nRows={len(values)}", f"nColumns={len(names) + 1}"
+    head = [samples.about["session"], "version=1", *size, "inDegrees=no", about]
     with target.open("w", encoding="utf-8") as file:
         file.write("\n".join([*head, "endheader", "\t".join(["time", *names])]) + "\n")
         for at_s, row in zip(samples.time_s.tolist(), values.tolist(), strict=True):

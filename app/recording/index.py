@@ -230,7 +230,7 @@ class RecordingIndex:
 
     def _scanned(self) -> list[_Place]:
         """By the head of each record; a chunk that is cut is left out."""
-        size, at, offset_ns = os.fstat(self._file.fileno()).st_size, _MAGIC_BYTES, self.recording.clock_offset_ns
+        size, at, offset_ns = self._file.seek(0, os.SEEK_END), _MAGIC_BYTES, self.recording.clock_offset_ns
         found = []
         while at + _RECORD.size <= size:
             self._file.seek(at)

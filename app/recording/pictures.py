@@ -13,8 +13,9 @@ from app.audit.sink import AuditSink
 from app.ipc.recording import Picture
 from app.recording import schemas
 from app.recording.schemas import CompressedImage, time_of
-from app.recording.writer import FLOOR_BYTES, RETRY_NS, RecordingFault, RecordingWriter, file_record
+from app.recording.writer import RETRY_NS, RecordingFault, RecordingWriter, file_record
 from app.system.paths import pictures_path
+from logs.disk import FLOOR_BYTES
 from logs.reading.errors import cause_of
 from logs.reason import Reason, reason
 from logs.records import Body, Recording, RecordingDeleted, RecordingFile
@@ -49,7 +50,9 @@ class PicturesFile:
         """What the trail says."""
         if isinstance(body, Recording):
             self._consent = body.on and body.consent
-            self._must_delete = not self._consent
+            if not self._consent:  # a later consent does not keep what came before
+                self._must_delete = self.writer is not None
+                self._lost = self._refused = 0
 
     def take(self, picture: Picture, waiting_bytes: int) -> None:
         """One picture. waiting_bytes: of the rest of the recording, for the disk."""
@@ -59,7 +62,7 @@ class PicturesFile:
             self._incarnation, self._counted = picture.incarnation, 0
         self._lost += picture.lost - self._counted
         self._counted = picture.lost
-        writer = self._opened()
+        writer = None if self._must_delete else self._opened()
         if writer is None or waiting_bytes > MOST_BEHIND:
             self._refused += 1
             return
@@ -119,16 +122,13 @@ class PicturesFile:
     def _delete(self) -> None:
         """Again at the next call where the disk refuses; at the session's end the trail then names the file."""
         writer = self.writer
-        if writer is None:
-            self._must_delete = False
-            return
+        assert writer is not None
         try:
             self.path.unlink(missing_ok=True)
         except OSError as error:
             writer.fault = reason(RecordingFault.DISK, detail=cause_of(error))
             return
         self.writer, self._must_delete = None, False
-        self._lost = self._refused = 0
         writer.abandon()
         messages = writer.written.total()
         self._sink.emit(RecordingDeleted(file=self.path.name, size_bytes=writer.size_bytes, messages=messages))

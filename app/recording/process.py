@@ -121,8 +121,7 @@ class SessionRecording:
         self._follow_trail()
         self._trail.close()
         writer = self.writer
-        for topic in (schemas.JOINT_STATE, schemas.JOINT_SETPOINT):
-            writer.lost[topic] += self._ticks.lost_ticks
+        writer.lost.update(self._ticks.lost)
         for topic in schemas.HAND_TOPICS:
             writer.lost[topic] += self._lost_frames
         whole = writer.finish()

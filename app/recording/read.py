@@ -21,7 +21,7 @@ from mcap.records import Channel, Chunk, DataEnd, Footer, Header, McapRecord, Me
 from mcap.stream_reader import StreamReader, breakup_chunk
 
 from app.recording.encryption import open_recording
-from app.recording.writer import CLOCK, LIBRARY, LOST, PROFILE, VERSION
+from app.recording.writer import CLOCK, LIBRARY, LOST, PROFILE, SOURCE, VERSION
 from app.system.errors import AppError
 from app.system.paths import PICTURES_SUFFIX, RECORDING_SUFFIX
 from logs.read import records
@@ -32,6 +32,7 @@ from logs.records import ProcessStart, RecordingFile, RecordingSent
 MOST_RECORD = 64 << 20  # bytes
 TRAIL_SUFFIX = ".jsonl"
 STAMP = "%Y%m%dT%H%M%SZ"  # UTC, with which a session's name begins
+CUT = "cut"  # of `Recording.source_damage`
 SESSION_NAME = re.compile(r"\d{8}T\d{6}Z-")
 # What the library makes of bytes that are no record; UnicodeDecodeError is a ValueError.
 DAMAGE = (McapError, zstandard.ZstdError, struct.error, LookupError, MemoryError, OverflowError, ValueError)
@@ -64,8 +65,14 @@ class Recording:
     chunks: int = 0
     whole: bool = False  # up to its footer
     damage: str = ""  # why the rest can't be read; empty: the end, or cut between two chunks
+    source_damage: str = ""  # of a copy: the same of the file that it was made of, CUT for a cut one
     first_ns: int | None = None  # monotonic; None: no message yet
     last_ns: int = 0
+
+    @property
+    def complete(self) -> bool:
+        """Whether everything that was written is there, once it was read to its end."""
+        return self.whole and not self.damage and not self.source_damage
 
     @property
     def duration_s(self) -> float:
@@ -221,6 +228,8 @@ def _take_metadata(record: Metadata, recording: Recording) -> None:
         recording.clock_offset_ns = int(record.metadata["wall_minus_monotonic_ns"])
     elif record.name == LOST:
         recording.lost = {topic: int(number) for topic, number in record.metadata.items()}
+    elif record.name == SOURCE:
+        recording.source_damage = record.metadata["damage"]
 
 
 class HashCheck(Enum):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from enum import Enum
 from math import isfinite
@@ -28,15 +29,15 @@ class TickMessages:
     def __init__(self, clock_offset_ns: int) -> None:
         self._offset_ns = clock_offset_ns
         self._gains: list[list[float]] | None = None
-        self._next_tick = -1
-        self.lost_ticks = 0  # of those that control numbered
+        self._first_tick = -1  # of the newest batch
+        self._counted: dict[str, int] = {}  # the losses that its control had counted
+        self.lost: Counter[str] = Counter()  # messages by topic, before they came here
 
     def of(self, batch: TickBatch) -> Iterator[Message]:
         """Every message of a batch."""
         times_ns = np.frombuffer(batch.at_ns, dtype=np.int64).tolist()
         ticks = np.frombuffer(batch.values, dtype=np.float64).reshape(-1, len(QUANTITIES), len(Joint)).tolist()
-        self.lost_ticks += max(0, batch.first_tick - self._next_tick) if self._next_tick >= 0 else batch.first_tick
-        self._next_tick = batch.first_tick + len(ticks)
+        self._count_lost(batch)
         for at_ns, values in zip(times_ns, ticks, strict=True):
             when = time_of(at_ns + self._offset_ns)
             yield schemas.JOINT_STATE, at_ns, _states(when, *values[:3])
@@ -50,6 +51,13 @@ class TickMessages:
         for command in batch.commands:
             yield schemas.OPERATOR, command.sent_ns, _operator(command)
         yield from _snapshot(batch)
+
+    def _count_lost(self, batch: TickBatch) -> None:
+        """A control that was restarted numbers its ticks and counts its losses from 0 again."""
+        self.lost.update(batch.lost)
+        if batch.first_tick > self._first_tick:
+            self.lost.subtract(self._counted)
+        self._first_tick, self._counted = batch.first_tick, batch.lost
 
 
 def _snapshot(batch: TickBatch) -> Iterator[Message]:

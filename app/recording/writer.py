@@ -21,7 +21,7 @@ from msgspec import Struct
 
 from app.recording.encryption import Sealer
 from app.recording.schemas import Topic, schema_of
-from logs.disk import Disk
+from logs.disk import FLOOR_BYTES, Disk
 from logs.reason import Reason, reason
 from logs.records import RecordingFile
 
@@ -33,9 +33,9 @@ CHUNK_BYTES = 4 << 20
 SYNC_NS = 5_000_000_000
 RETRY_NS = 500_000_000
 MOST_PENDING = 16 << 20  # bytes that wait for the disk; then everything is refused, and counted
-FLOOR_BYTES = 512 << 20  # of the disk stay free: a trail that can't be written stops the legs
 CLOCK = "rleex.clock"  # names of metadata
 LOST = "rleex.lost"  # by topic; there only in a file that was finished
+SOURCE = "rleex.source"  # damage; there only in a copy of a file that was cut or damaged
 
 
 class RecordingFault(Enum):
@@ -92,6 +92,7 @@ class RecordingWriter:
         self.path = path
         self.written: Counter[str] = Counter()
         self.lost: Counter[str] = Counter()
+        self.source_damage = ""  # of a copy: why its source could not be read to its end
         self.fault: Reason | None = None  # the newest
         self._disk = disk or Disk()
         self._floor_bytes = floor_bytes
@@ -156,6 +157,8 @@ class RecordingWriter:
     def finish(self) -> bool:
         """Losses, index and footer; False when the disk refuses them: the file reads to its last whole chunk."""
         self._mcap.add_metadata(LOST, {topic: str(number) for topic, number in self.lost.items() if number})
+        if self.source_damage:
+            self._mcap.add_metadata(SOURCE, {"damage": self.source_damage})
         self._mcap.finish()  # type: ignore[no-untyped-call]
         self._take()
         whole = self._write()

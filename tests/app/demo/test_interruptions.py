@@ -85,6 +85,12 @@ def test_legs_that_stay_held_end_the_course() -> None:
     assert len(attempts) == 4
 
 
+def test_legs_that_cannot_be_brought_back_end_the_course() -> None:
+    attempts = run_scenario(Walker(lambda made, _: "held" if made == 3 else "misread" if made > 3 else ""), ALL_TWELVE)
+    assert len(attempts) == 5
+    assert not session_of(attempts).passed(ALL_TWELVE)
+
+
 def test_what_was_carried_out_unasked_is_no_success() -> None:
     result = session_of(run_scenario(Walker(lambda *_: ""), ALL_TWELVE))
     assert result.passed(ALL_TWELVE)

@@ -12,6 +12,7 @@ from app.motion.trajectory import path_of
 from app.outcomes.measures import LegHistory, Measures, asymmetry_percent, measure
 from app.outcomes.steps import STILL_TICKS, find_steps, resting
 from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
+from hal.joints.protocol import TICK_HZ
 from profiles.schema import GaitParameters, Profile, Sex
 
 STANDING = 600  # ticks
@@ -55,7 +56,8 @@ def test_stairs_between_two_walks_are_no_walking() -> None:
     always = np.ones(len(joints_rad), dtype=bool)
     found = measure(LegHistory(body=who.body, joints_rad=joints_rad, powered=always, walking=walking))
     alone = measured(who, np.concatenate([rest, walk, rest]))
-    assert found.steps == 2 * alone.steps
+    assert (found.steps, alone.steps) == (8, 4)
+    assert alone.walking_time_s is not None
     assert found.walking_time_s == pytest.approx(2 * alone.walking_time_s, abs=0.1)
     assert found.range_of_motion["left_knee"].high_deg == pytest.approx(
         alone.range_of_motion["left_knee"].high_deg, abs=0.5
@@ -117,3 +119,15 @@ def test_asymmetry_by_robinson() -> None:
     assert asymmetry_percent(0.3, 0.2) == pytest.approx(40.0)
     assert asymmetry_percent(0.2, 0.3) == asymmetry_percent(0.3, 0.2)
     assert asymmetry_percent(None, 0.3) is None
+
+
+@pytest.mark.parametrize(("speed_rad_s", "seconds"), [(0.015, 6.0), (0.010, 8.0), (0.005, 15.0), (0.018, 3.0)])
+def test_a_leg_that_creeps_and_then_rests_makes_no_step(speed_rad_s: float, seconds: float) -> None:
+    """Slower than what counts as motion, after a twitch of the other knee that ends the rest before."""
+    time_s = np.arange(20_000) / TICK_HZ
+    joints_rad = np.full((len(time_s), 4), np.radians(8.0))
+    joints_rad[:, 3] += 0.006 * np.clip((time_s - 5.0) / 0.1, 0.0, 1.0)
+    joints_rad[:, 0] += speed_rad_s * np.clip(time_s - 5.3, 0.0, seconds)
+    for angles_rad in (joints_rad, joints_rad[::-1]):
+        found = measured(patient(1.70, 0.30), angles_rad)
+        assert (found.steps, found.walking_time_s) == (0, 0)

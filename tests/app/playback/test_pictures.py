@@ -17,7 +17,7 @@ from app.ipc.recording import Picture
 from app.playback import frame
 from app.playback.film import view_at, whole_of
 from app.playback.moment import PICTURE_WITHIN_NS, moment
-from app.playback.session import Playback
+from app.playback.session import InTime, Playback
 from app.playback.view import Legs
 from app.recording import schemas
 from app.recording.pictures import PicturesFile
@@ -95,8 +95,7 @@ def test_the_film_shows_it_with_the_keypoints_of_its_frame(playback: Playback, s
 def test_the_keypoints_on_it_are_those_of_its_frame_in_shares_of_the_cameras_width(playback: Playback) -> None:
     at_ns = with_hand(playback)
     assert moment(playback, at_ns).hand_share is None  # this trail names no camera
-    camera = Camera(camera="c", width_px=1280, height_px=720, rate_hz=30.0, focal_px=900.0, intrinsics_source="given")
-    playback.records.insert(0, msgspec.structs.replace(playback.records[0], body=camera))
+    use_cameras(playback, (playback.begin_ns, 1280))
     shown = moment(playback, at_ns).hand_share
     picture = playback.pictures.newest(schemas.IMAGE, at_ns, PICTURE_WITHIN_NS) if playback.pictures else None
     assert shown is not None
@@ -104,6 +103,28 @@ def test_the_keypoints_on_it_are_those_of_its_frame_in_shares_of_the_cameras_wid
     found = playback.index.newest(schemas.KEYPOINTS, picture.at_ns, 1)
     assert found is not None
     assert shown.tolist() == (np.array(found.value["image_px"]) / 1280).tolist()
+
+
+def use_cameras(playback: Playback, *cameras: tuple[int, int]) -> None:
+    """The trail's cameras, by moment and width of the images."""
+    rest = {"camera": "c", "height_px": 720, "rate_hz": 30.0, "focal_px": 900.0, "intrinsics_source": "given"}
+    playback.cameras = InTime(
+        msgspec.structs.replace(
+            playback.records[0], monotonic_ns=at_ns, body=msgspec.convert({**rest, "width_px": width_px}, Camera)
+        )
+        for at_ns, width_px in cameras
+    )
+
+
+def test_the_keypoints_are_in_shares_of_the_camera_that_took_the_picture(playback: Playback) -> None:
+    at_ns = with_hand(playback)
+    use_cameras(playback, (playback.begin_ns, 640), (at_ns - 1_000_000_000, 1280), (at_ns + 1_000_000_000, 320))
+    shares = moment(playback, at_ns).hand_share
+    use_cameras(playback, (playback.begin_ns, 1280))
+    wanted = moment(playback, at_ns).hand_share
+    assert shares is not None
+    assert wanted is not None
+    assert shares.tolist() == wanted.tolist()
 
 
 def test_pictures_that_were_cut_before_their_first_chunk_are_none(pictured: Path, tmp_path: Path) -> None:

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import errno
-import os
+import multiprocessing
 import random
-import signal
+from collections.abc import Iterator
 from contextlib import suppress
+from itertools import islice
+from multiprocessing.connection import Connection
 from pathlib import Path
 
 import pytest
@@ -37,31 +39,45 @@ def numbers(path: Path) -> list[int]:
     return [int(one.value["left_n"]) for one in messages(Recording(path=path))]
 
 
+def write_chunks(path: Path, key: bytes | None, written: Connection) -> None:
+    """Chunk after chunk, until killed."""
+    writer = RecordingWriter(path, [TOPIC], 0, key=key)
+    for number in range(1_000_000):
+        write_chunk(writer, number)
+        written.send(number)
+
+
+def received(written: Connection) -> Iterator[int]:
+    """The numbers of the written chunks, to the writer's end."""
+    with suppress(EOFError):
+        while True:
+            yield written.recv()
+
+
 @pytest.mark.serial
 def test_killed_at_any_moment_it_loses_at_most_the_newest_chunk(tmp_path: Path) -> None:
     rng = random.Random(17)
     (tmp_path / "logs").mkdir()
     key = load_or_make_secret(tmp_path / "keys")
+    context = multiprocessing.get_context("forkserver")  # this process has threads: a copy of it may hang
+    context.set_forkserver_preload([__name__])
     for attempt in range(50):
         path = tmp_path / "logs" / f"{attempt}.mcap"
-        reads, writes = os.pipe()
-        child = os.fork()
-        if child == 0:
-            writer = RecordingWriter(path, [TOPIC], 0, key=key if attempt % 2 else None)
-            for number in range(1_000_000):
-                write_chunk(writer, number)
-                os.write(writes, number.to_bytes(4, "little"))
-        os.close(writes)
-        with os.fdopen(reads, "rb") as pipe:
-            done = [pipe.read(4) for _ in range(rng.randint(1, 30))]
+        reads, writes = context.Pipe(duplex=False)
+        child = context.Process(target=write_chunks, args=(path, key if attempt % 2 else None, writes), daemon=True)
+        child.start()
+        writes.close()
+        with reads:
+            sent = received(reads)
+            done = [*islice(sent, rng.randint(1, 30))]
             for _ in range(rng.randint(0, 20_000)):  # a moment within a chunk
                 pass
-            os.kill(child, signal.SIGKILL)
-            os.waitpid(child, 0)
-            done += [rest for rest in iter(lambda pipe=pipe: pipe.read(4), b"") if len(rest) == 4]  # type: ignore[misc]
+            child.kill()
+            child.join()
+            done += sent
         found = numbers(path)
         assert found == list(range(len(found)))
-        whole_chunks = int.from_bytes(done[-1], "little") + 1
+        whole_chunks = done[-1] + 1
         assert whole_chunks * PER_CHUNK <= len(found) <= (whole_chunks + 1) * PER_CHUNK
         assert not survey(path).whole
 

@@ -12,8 +12,8 @@ from app.cli import cli
 from app.recording import schemas
 from app.recording.deidentify import DAY_NS, MOST_DAYS, deidentify
 from app.recording.encryption import KEY_BYTES, load_or_make_secret
-from app.recording.export import read_samples
 from app.recording.read import STAMP, Recording, RecordingReadFault, messages, survey
+from app.recording.samples import read_samples
 from app.recording.writer import RecordingWriter
 from app.system.errors import AppError
 from tests.app.recording.conftest import Session

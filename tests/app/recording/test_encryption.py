@@ -120,6 +120,11 @@ def test_cut_at_any_byte_it_is_read_to_there(home: Path) -> None:
         assert found == [float(one) for one in range(len(found))]
         assert len(found) >= most
         most = len(found)
+        if found:
+            with RecordingIndex(path) as index:
+                newest = index.newest(TOPIC.name, len(found), CHUNK_NS)
+            assert newest is not None
+            assert newest.value["left_n"] == found[-1]
     assert most == 6
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import resource
+import tracemalloc
 from pathlib import Path
 
 import ezc3d
@@ -13,19 +15,29 @@ from pyarrow import Table, csv, parquet
 from typer.testing import CliRunner
 
 from app.cli import cli
+from app.ipc.recording import Picture
 from app.recording.deidentify import Deidentified
-from app.recording.export import COLUMNS, COORDINATES, ExportFault, export, read_samples, unit_of
+from app.recording.export import COORDINATES, export
+from app.recording.index import RecordingIndex
+from app.recording.pictures import PicturesFile
 from app.recording.read import Recording, RecordingReadFault, messages, survey
-from app.recording.schemas import JOINT_SETPOINT, JOINT_STATE, TOPICS, TRAIL
+from app.recording.samples import COLUMNS, ExportFault, read_samples, unit_of
+from app.recording.schemas import JOINT_SETPOINT, JOINT_STATE, TOPICS, TRAIL, JointState, JointStates, time_of
 from app.recording.writer import RecordingWriter
 from app.system.errors import AppError
-from tests.app.recording.conftest import Session
+from hal.joints.protocol import TICK_HZ, TICK_NS
+from logs.records import Recording as PicturesConsent
+from tests.app.recording.conftest import Collector, Session
 
 ANGLES = [f"{joint}_position_rad" for joint in COORDINATES]
 
 
 def measured(recorded: Session) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
     return np.array([angles for _, angles, _ in recorded.ticks])
+
+
+def exported(path: Path, form: str, folder: Path, deidentified: Deidentified | None = None) -> Path:
+    return export(path, form, folder, deidentified).files[0]
 
 
 def columns(table: Table, names: list[str]) -> np.ndarray[tuple[int, int], np.dtype[np.float64]]:
@@ -40,7 +52,7 @@ def test_samples_are_those_of_control(recorded: Session) -> None:
 
 
 def test_csv_by_arrow(recorded: Session, tmp_path: Path) -> None:
-    path = export(recorded.path, "csv", tmp_path)
+    path = exported(recorded.path, "csv", tmp_path)
     comments = path.read_text().count("# ")
     table = csv.read_csv(path, csv.ReadOptions(skip_rows=comments))
     assert np.array_equal(columns(table, ANGLES), measured(recorded))
@@ -49,7 +61,7 @@ def test_csv_by_arrow(recorded: Session, tmp_path: Path) -> None:
 
 
 def test_parquet_by_arrow(recorded: Session, tmp_path: Path) -> None:
-    path = export(recorded.path, "parquet", tmp_path)
+    path = exported(recorded.path, "parquet", tmp_path)
     schema = parquet.read_schema(path)
     assert "flexion positive" in json.loads(schema.metadata[b"rleex"])["axes"]
     assert {schema.field(name).metadata[b"unit"].decode() for name in COLUMNS} == {"rad", "rad/s", "Nm"}
@@ -61,14 +73,14 @@ def test_tables_by_pandas(recorded: Session, tmp_path: Path) -> None:
     samples = read_samples(recorded.path)
     values = samples.values.reshape(len(samples.at_ns), -1)
     whole = [
-        pandas.read_parquet(export(recorded.path, "parquet", tmp_path)),
-        pandas.read_csv(export(recorded.path, "csv", tmp_path), comment="#"),
+        pandas.read_parquet(exported(recorded.path, "parquet", tmp_path)),
+        pandas.read_csv(exported(recorded.path, "csv", tmp_path), comment="#"),
     ]
     for table in whole:
         assert list(table.columns) == ["time_s", "monotonic_ns", *COLUMNS]
         assert np.array_equal(table[list(COLUMNS)].to_numpy(), values, equal_nan=True)
         assert np.array_equal(table["monotonic_ns"].to_numpy(), samples.at_ns)
-    motion = export(recorded.path, "opensim", tmp_path)
+    motion = exported(recorded.path, "opensim", tmp_path)
     for path, rows in ((motion, values[:, :4]), (motion.with_suffix(".sto"), values[:, 8:12])):
         lines = path.read_text().partition("endheader\n")[0].count("\n") + 1
         table = pandas.read_csv(path, sep="\t", skiprows=lines)
@@ -76,7 +88,7 @@ def test_tables_by_pandas(recorded: Session, tmp_path: Path) -> None:
 
 
 def test_c3d_by_ezc3d(recorded: Session, tmp_path: Path) -> None:
-    file = ezc3d.c3d(str(export(recorded.path, "c3d", tmp_path)))
+    file = ezc3d.c3d(str(exported(recorded.path, "c3d", tmp_path)))
     analog = file["parameters"]["ANALOG"]
     assert analog["LABELS"]["value"] == list(COLUMNS)
     assert analog["UNITS"]["value"] == [unit_of(name) for name in COLUMNS]
@@ -87,7 +99,7 @@ def test_c3d_by_ezc3d(recorded: Session, tmp_path: Path) -> None:
 
 
 def test_opensim_as_a_table(recorded: Session, tmp_path: Path) -> None:
-    path = export(recorded.path, "opensim", tmp_path)
+    path = exported(recorded.path, "opensim", tmp_path)
     head, _, _ = path.read_text().partition("endheader\n")
     assert "inDegrees=no" in head
     assert f"nRows={len(recorded.ticks)}" in head
@@ -101,12 +113,12 @@ def test_opensim_as_a_table(recorded: Session, tmp_path: Path) -> None:
 def test_mcap_of_a_cut_file_is_whole(recorded: Session, tmp_path: Path) -> None:
     cut = tmp_path / recorded.path.name
     cut.write_bytes(recorded.path.read_bytes()[:-100])
-    path = export(cut, "mcap", tmp_path / "out")
+    path = exported(cut, "mcap", tmp_path / "out")
     before, after = survey(cut), survey(path)
     assert (before.whole, after.whole) == (False, True)
     assert after.counts == before.counts
     with pytest.raises(AppError) as caught:
-        export(cut, "mcap", tmp_path / "out")
+        exported(cut, "mcap", tmp_path / "out")
     assert caught.value.code is ExportFault.EXISTS
 
 
@@ -117,11 +129,11 @@ def test_what_a_recording_lost_is_said_of_its_export(recorded: Session, tmp_path
         writer.add(one.topic, one.at_ns, one.data)
     writer.lost.update({JOINT_STATE: 3, TRAIL: 2})
     assert writer.finish()
-    assert survey(export(path, "mcap", tmp_path / "out")).lost == {JOINT_STATE: 3, TRAIL: 2}
+    assert survey(exported(path, "mcap", tmp_path / "out")).lost == {JOINT_STATE: 3, TRAIL: 2}
     shifted = Deidentified("P-017", 0)
-    assert survey(export(path, "mcap", tmp_path / "out", shifted)).lost == {JOINT_STATE: 3}
+    assert survey(exported(path, "mcap", tmp_path / "out", shifted)).lost == {JOINT_STATE: 3}
     lost = f"# lost: {JOINT_STATE} 3, {JOINT_SETPOINT} 0\n"
-    assert lost in export(path, "csv", tmp_path / "out").read_text(encoding="utf-8")
+    assert lost in exported(path, "csv", tmp_path / "out").read_text(encoding="utf-8")
     path.write_bytes(path.read_bytes()[:-100])
     assert read_samples(path).about["lost"] == "unknown"
 
@@ -141,7 +153,7 @@ def test_the_command_and_what_it_refuses(recorded: Session, tmp_path: Path) -> N
     empty = tmp_path / "empty.mcap"
     assert RecordingWriter(empty, TOPICS, 0).finish()
     with pytest.raises(AppError) as caught:
-        export(empty, "csv", tmp_path)
+        exported(empty, "csv", tmp_path)
     assert caught.value.code is ExportFault.NO_SAMPLES
 
 
@@ -153,7 +165,7 @@ def test_a_cut_file_is_exported_to_where_it_ends_and_that_is_said(recorded: Sess
             cli, ["export", str(path), "--to", "csv", "--output", str(tmp_path / path.parent.name)]
         )
         assert done.exit_code == 0, done.output
-        assert ("was cut off" in done.output.replace("\n", " ")) is said
+        assert ("cut off or damaged" in done.output.replace("\n", " ")) is said
 
 
 def test_late_ticks_hold_the_sample_before(recorded: Session) -> None:
@@ -164,3 +176,79 @@ def test_late_ticks_hold_the_sample_before(recorded: Session) -> None:
     assert len(even.at_ns) == 200
     assert np.array_equal(even.values[100:103], np.repeat(samples.values[99:100], 3, axis=0))
     assert np.array_equal(even.values[103:], samples.values[103:200])
+
+
+def with_damage(recorded: Session, path: Path) -> Path:
+    """A copy with one byte of its last chunk changed."""
+    data = bytearray(recorded.path.read_bytes())
+    with RecordingIndex(recorded.path) as index:
+        data[index._places[-1].offset + 200] ^= 0xFF
+    path.write_bytes(data)
+    return path
+
+
+def test_a_damaged_file_is_exported_to_there_and_that_is_said_with_it(recorded: Session, tmp_path: Path) -> None:
+    damaged, copied = with_damage(recorded, tmp_path / recorded.path.name), tmp_path / "out" / recorded.path.name
+    for form in ("csv", "mcap"):
+        done = CliRunner().invoke(cli, ["export", str(damaged), "--to", form, "-o", str(copied.parent)])
+        assert done.exit_code == 0, done.output
+        assert "cut off or damaged" in done.output.replace("\n", " ")
+    copy = survey(copied)
+    assert (copy.whole, copy.damage, copy.source_damage, copy.complete) == (True, "", survey(damaged).damage, False)
+    assert "a copy of a recording" in CliRunner().invoke(cli, ["recording", "info", str(copied)]).output
+    for path in (copied.with_suffix(".csv"), exported(copied, "csv", tmp_path / "again")):
+        assert "# whole: false\n# lost: unknown\n" in path.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("form", ["mcap", "csv", "opensim"])
+def test_an_export_that_fails_leaves_no_file_and_may_be_repeated(recorded: Session, tmp_path: Path, form: str) -> None:
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
+    try:
+        with pytest.raises(AppError) as caught:
+            export(recorded.path, form, tmp_path)
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    assert caught.value.code is ExportFault.UNWRITABLE
+    assert not list(tmp_path.iterdir())
+    files = export(recorded.path, form, tmp_path).files
+    assert sorted(tmp_path.iterdir()) == sorted(files)
+
+
+def test_every_file_that_was_written_is_named(recorded: Session, tmp_path: Path) -> None:
+    done = CliRunner().invoke(cli, ["export", str(recorded.path), "--to", "opensim", "-o", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    for suffix in (".mot", ".sto"):
+        assert f"{recorded.setup.session}{suffix}." in done.output.replace("\n", "")
+
+
+@pytest.mark.parametrize("form", ["mcap", "csv"])
+def test_pictures_are_never_exported(tmp_path: Path, form: str) -> None:
+    pictures = PicturesFile(tmp_path, "s", 0, Collector())
+    pictures.follow(PicturesConsent(on=True, consent=True))
+    pictures.take(Picture(captured_ns=1, image_jpeg=b"x"), 0)
+    pictures.close()
+    done = CliRunner().invoke(cli, ["export", str(pictures.path), "--to", form, "-o", str(tmp_path / "out")])
+    assert isinstance(done.exception, AppError)
+    assert done.exception.code is ExportFault.PICTURES
+    assert not (tmp_path / "out").exists()
+
+
+def test_an_hours_joints_fit_into_memory(tmp_path: Path) -> None:
+    """30 s here; as lists of lists they had taken 31 MB."""
+    writer, rng = RecordingWriter(tmp_path / "s.mcap", TOPICS, 0), np.random.default_rng(1)
+    for number, values in enumerate(rng.random((30 * TICK_HZ, 4, 3)).tolist()):
+        at_ns = number * TICK_NS
+        joints = tuple(JointState(name, *three) for name, three in zip(COORDINATES, values, strict=True))
+        for topic in (JOINT_STATE, JOINT_SETPOINT):
+            writer.add(topic, at_ns, JointStates(time_of(at_ns), joints))
+        writer.settle(at_ns)
+    assert writer.finish()
+    tracemalloc.start()
+    try:
+        samples = read_samples(writer.path)
+        _, most_bytes = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert samples.values.shape == (30 * TICK_HZ, 6, 4)
+    assert most_bytes < 12e6

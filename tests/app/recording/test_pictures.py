@@ -279,3 +279,20 @@ def test_the_keeping_time_takes_files_and_leaves_trails(tmp_path: Path) -> None:
     changes = [one.body for one in records(journal) if isinstance(one.body, Change)]
     assert {(one.subject, one.name) for one in changes} == {("recording", path.name) for path in gone}
     assert CliRunner().invoke(cli, command).exit_code == 0
+
+
+def test_a_consent_that_follows_at_once_undoes_no_withdrawal(file: PicturesFile, collector: Collector) -> None:
+    before, between, after = pictures(3)
+    file.follow(AGREED)
+    file.take(before, 0)
+    for consent in (WITHDRAWN, AGREED):
+        file.follow(consent)
+    file.take(between, 0)
+    file.settle(1_000_000_000)
+    file.take(after, 0)
+    file.close()
+    assert [one.at_ns for one in messages(read.Recording(path=file.path), schemas.IMAGE)] == [after.captured_ns]
+    deleted, record = collector.bodies
+    assert isinstance(deleted, RecordingDeleted)
+    assert isinstance(record, RecordingFile)
+    assert record.lost == {schemas.IMAGE: 1}

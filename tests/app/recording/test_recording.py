@@ -9,15 +9,18 @@ from pathlib import Path
 
 import numpy as np
 from mcap.reader import make_reader
+from msgspec import Struct
 from msgspec.structs import replace
 
+from app.control.recording import TickRecorder
 from app.control.telemetry import snapshot
 from app.ipc.links import OrderedReceiver
-from app.ipc.recording import HandFrame, LinkAges, TickBatch
+from app.ipc.recording import BATCH_TICKS, HandFrame, LinkAges, TickBatch
 from app.recording import schemas
 from app.recording.process import BATCH, SessionRecording, take_batch
 from app.recording.read import HashCheck, Recording, messages, proof_of, survey
 from app.recording.schemas import TOPICS, schema_of
+from app.recording.sink import RecordingSink
 from app.recording.topics import TickMessages, of_hand
 from app.recording.writer import RecordingWriter
 from hal.joints.protocol import TICK_NS
@@ -91,15 +94,52 @@ def test_the_trail_gets_hash_and_counts(recorded: Session) -> None:
 AGES = LinkAges(report_ms=1, console_ms=1, audit_ms=1, guardian_ms=1)
 
 
-def test_ticks_that_never_came_are_counted() -> None:
+class FullQueue(RecordingSink):
+    """Takes each third batch."""
+
+    def __init__(self) -> None:
+        self.offered = 0
+        self.taken: list[TickBatch] = []
+
+    def send(self, message: Struct) -> bool:
+        assert isinstance(message, TickBatch)
+        self.offered += 1
+        if self.offered % 3 == 1:
+            self.taken.append(message)
+        return self.offered % 3 == 1
+
+
+def test_what_a_refused_batch_would_have_held_is_counted_lost_by_topic(tmp_path: Path) -> None:
+    rig, setup, queue = WatchedRig(), setup_in(tmp_path), FullQueue()
+    recorder, recording = TickRecorder(setup.links), SessionRecording(setup, Collector())
+    recorder.close(rig.tick().streams, snapshot(rig.tick(), rig.given, STATUS))  # its own queue
+    recorder._sink = queue
+    for _ in range(7 * BATCH_TICKS):
+        state = rig.tick()
+        assert rig.outputs is not None
+        recorder.add(rig.given, rig.outputs.command)
+        recorder.add_contact(rig.now_ns, (1.0, 2.0))
+        if recorder.full:
+            recorder.send(state.streams, snapshot(state, rig.given, STATUS))
+    for batch in queue.taken:
+        recording.take(batch)
+    recording.close()
+    made = recorder.made.messages
+    found = survey(recording.writer.path)
+    assert (made[schemas.GAIT], found.lost[schemas.GAIT], found.lost[schemas.CONTACT]) == (7, 4, 4 * BATCH_TICKS)
+    assert {topic: found.counts[topic] + found.lost.get(topic, 0) for topic in made} == made
+
+
+def test_batches_lost_before_control_was_restarted_stay_counted() -> None:
     rig = WatchedRig()
     shown = snapshot(rig.tick(), rig.given, STATUS)
     messages_of = TickMessages(0)
     values, times = np.zeros((25, 8, 4)).tobytes(), np.zeros(25, dtype=np.int64).tobytes()
-    for first_tick in (0, 25, 100):
-        batch = TickBatch(first_tick=first_tick, lost_ticks=0, at_ns=times, values=values, ages=AGES, snapshot=shown)
+    for first_tick, lost in ((0, 0), (100, 75), (125, 75), (25, 25), (50, 25)):
+        losses = {schemas.JOINT_STATE: lost}
+        batch = TickBatch(first_tick=first_tick, lost=losses, at_ns=times, values=values, ages=AGES, snapshot=shown)
         assert len([one for one in messages_of.of(batch) if one[0] == schemas.JOINT_STATE]) == 25
-    assert messages_of.lost_ticks == 50
+    assert messages_of.lost == {schemas.JOINT_STATE: 75 + 25}
 
 
 def test_frames_before_the_cameras_first_image_are_at_their_own_time() -> None:

@@ -1,0 +1,19 @@
+"""Files that take their name when they are whole."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+
+@contextmanager
+def partial_file(target: Path) -> Iterator[Path]:
+    """A name beside the target, gone at the end unless it was moved there. Raises OSError."""
+    partial = target.with_name(f".{target.stem}.{os.getpid()}.partial{target.suffix}")
+    try:
+        partial.unlink(missing_ok=True)  # of a process that was killed, and had this PID
+        yield partial
+    finally:
+        partial.unlink(missing_ok=True)
