@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import math
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -119,15 +120,20 @@ def table(
     return made
 
 
-def percent(share: float, digits: int = 1) -> str:
-    """A share as per cent."""
-    return f"{share:.{digits}%}"
+def decimals(value: float | None, form: str) -> str:
+    """A figure in this format; a dash where nothing was measured."""
+    return "–" if value is None or math.isnan(value) else format(value, form)
 
 
-def mean(values: Iterable[float]) -> float:
-    """The mean; 0 of nothing."""
+def percent(share: float | None, digits: int = 1) -> str:
+    """A share as per cent; a dash for one of nothing."""
+    return decimals(share, f".{digits}%")
+
+
+def mean(values: Iterable[float]) -> float | None:
+    """The mean; None of nothing."""
     listed = [float(value) for value in values]
-    return float(np.mean(listed)) if listed else 0.0
+    return float(np.mean(listed)) if listed else None
 
 
 def write_json(content: Mapping[str, Any] | Sequence[Any], path: Path | None) -> None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -21,18 +21,21 @@ from app.evaluate.harness import FRAME_NS, EvaluateFault
 from app.system.errors import AppError
 from hal.cameras.intrinsics import assumed_focal_px
 from hal.cameras.playback import decode_image
+from kgdfa.errors import KgdfaError
 from kgdfa.gesture import GESTURE_NAMED, Gesture
 from kgdfa.hand import Hand
-from kgdfa.preprocess import Image
+from kgdfa.preprocess import Image, as_bgr8
 from logs.reading.errors import cause_of
 from logs.reading.regular import read_text
-from logs.reason import Reason
+from logs.reason import Reason, reason, reason_of
 from profiles.palm import REFERENCE_OF_PALM
 
 NONE_PREFIX = "none:"
 NO_HAND = "none:nohand"
+UNPREPARED = "none"  # of `PREPARATIONS`, and of stored keypoints that name none
 SKIP = "skip"  # between gestures: any verdict is right
 GESTURE_COLUMNS = ("path", "label", "anchor_cm", "fx")
+SPEED_COLUMNS = ("path", "anchor_cm", "fx")
 DISTANCE_COLUMNS = ("path", "distance_cm", "anchor_cm", "fx", "cx", "cy")
 _IMAGE_COLUMNS = ("path", "label", "source", "group")
 _VIDEO_COLUMNS = ("frame", "label")
@@ -127,10 +130,33 @@ def read_labels(directory: Path) -> list[LabelledImage]:
     return _some(images, file)
 
 
+def read_image(labelled: LabelledImage, directory: Path) -> Image | Reason:
+    """A listed image, or why it can't be used: an error to be counted, not an exception."""
+    image = decode_image(directory / labelled.path, cv2.IMREAD_UNCHANGED)
+    if image is None:
+        return reason(EvaluateFault.IMAGE_UNREADABLE, file=labelled.path)
+    try:
+        return as_bgr8(image)
+    except KgdfaError as error:
+        return reason_of(error)
+
+
+def read_images(
+    images: Iterable[LabelledImage], directory: Path, unreadable: dict[str, Reason]
+) -> Iterator[tuple[LabelledImage, Image]]:
+    """The images that can be read; the others are added to `unreadable`, by their paths."""
+    for labelled in images:
+        image = read_image(labelled, directory)
+        if isinstance(image, Reason):
+            unreadable[labelled.path] = image
+        else:
+            yield labelled, image
+
+
 def read_frames(where: Path, columns: Sequence[str] = GESTURE_COLUMNS) -> list[LabelledFrame]:
     """The frames that a frames.csv, or the folder that holds one, lists. Raises AppError naming the bad line.
 
-    columns: what is required, GESTURE_COLUMNS or DISTANCE_COLUMNS.
+    columns: what is required, GESTURE_COLUMNS, SPEED_COLUMNS or DISTANCE_COLUMNS.
     """
     file = where / "frames.csv" if where.is_dir() else where
     return _some([_frame(file, line, row, columns) for line, row in read_table(file, columns, exact=False)], file)

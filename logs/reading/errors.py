@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 from enum import Enum
+from functools import partial
 
 import msgspec
 
@@ -18,6 +19,10 @@ class CodedError(Exception):
         super().__init__(code.name, values)
         self.code = code
         self.values = values
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """An exception's own hands on what `super().__init__` got: a worker process could not return a refusal."""
+        return partial(type(self), self.code, **self.values), ()
 
     def __str__(self) -> str:
         return " ".join([self.code.name, *(f"{name}={value}" for name, value in self.values.items())])
@@ -42,6 +47,10 @@ class InputError(OSError):
         super().__init__(errno.EINVAL, code.value)
         self.code = code
         self.values = values
+
+    def __reduce__(self) -> tuple[object, ...]:
+        """As CodedError's."""
+        return partial(type(self), self.code, **self.values), ()
 
     def __str__(self) -> str:
         return " ".join([self.code.name, *(f"{name}={value}" for name, value in self.values.items())])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,7 +13,7 @@ from app.cli.common import bar, check_finite, check_output, wide_console
 from app.system.config import load_config
 from app.system.hand_model import set_up_model
 from app.system.paths import find_home
-from app.text.catalogue import tr
+from app.text.catalogue import render, tr
 
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from rich.table import Table
 
     from kgdfa.keypoints import HandDetector
+    from logs.reason import Reason
 
 
 Plot = Annotated[Path | None, typer.Option("--plot", callback=check_output, help="Write a plot of it (PNG) here.")]
@@ -71,6 +72,13 @@ def status_line() -> Iterator[Callable[[str], None]]:
     """A spinner; the yielded function sets the text beside it."""
     with wide_console().status(tr("evaluate.progress.fitting")) as status:
         yield status.update
+
+
+def show_unreadable(unreadable: Mapping[str, Reason], key: str = "unreadable") -> None:
+    """The images that can't be used, by their paths, and why. key: of the line above them, below `evaluate.`."""
+    if unreadable:
+        show(tr(f"evaluate.{key}", count=len(unreadable)))
+        show(*(f"  {path}: {render(why)}" for path, why in unreadable.items()))
 
 
 def show(*parts: Table | str) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 import typer
 
-from app.cli.common import MAX_SEED, HomeOption, Json, check_output, check_output_folder
+from app.cli.common import MAX_SEED, HomeOption, Json, check_output, check_output_folder, refuse_options
 from app.cli.evaluate.common import (
     Directory,
     Keypoints,
@@ -16,12 +16,13 @@ from app.cli.evaluate.common import (
     open_detector,
     progress,
     show,
+    show_unreadable,
     status_line,
 )
 from app.evaluate.harness import EvaluateFault, percent, require_extra, write_json
-from app.evaluate.readings import DetectedImage, LabelledImage, read_footage, read_labels
+from app.evaluate.readings import UNPREPARED, DetectedImage, LabelledImage, read_footage, read_labels
 from app.system.errors import AppError
-from app.text.catalogue import render, tr
+from app.text.catalogue import tr
 from hal.cameras.digital_hand.skeleton import POSES
 from kgdfa.gesture import RuleSet
 from kgdfa.preprocess import Prepare, as_bgr8, find_preparation
@@ -34,12 +35,14 @@ if TYPE_CHECKING:
     from app.evaluate.digital import LabelledScene
     from app.evaluate.gestures.joint_space import Errors
     from app.evaluate.gestures.measures import Classified
+    from logs.reason import Reason
 
 
 cli = typer.Typer()
 
 MOST_SEED = 1000  # of `joints`: more would draw people that fits know
 FIT_DIGITAL = 40  # digital hands a pose that a fit gets beside the images
+EVERY, PER_POSE, PEOPLE = 12, 5, 6  # images that `preprocessing` takes, its digital hands, and the people of `side`
 
 
 @cli.command()
@@ -94,7 +97,7 @@ def gestures(
     prepare: Annotated[
         str,
         typer.Option(help="Preprocessing: none, denoise, sharpen, denoise+sharpen, brighten, lighten or 'as needed'."),
-    ] = "none",
+    ] = UNPREPARED,
     home: HomeOption = None,
 ) -> None:
     """Table 3: how well both rule sets recognise gestures, and refuse what is none."""
@@ -106,13 +109,16 @@ def gestures(
     require_extra("evaluate", "sklearn")
     if (directory is None) == (not digital):
         raise AppError(EvaluateFault.FOLDER_OR_DIGITAL)
-    if (beside or beside_keypoints or keep) and not cross_validate:
+    if digital:  # there is no file to draw upon, and no source to leave out
+        unused = {"--cross-validate": cross_validate, "--errors": errors, "--keypoints": keypoints}
+        refuse_options("evaluate gestures --digital", unused)
+    if (beside or beside_keypoints or keep or seed) and not cross_validate:
         raise AppError(EvaluateFault.WITH_ALONE)
-    step, views = find_preparation(prepare), 1 if single_look else None
+    views = 1 if single_look else None
     if directory is None:
-        detected = detected_scenes([*digital_scenes(digital, MEASURE_SEEDS)], home, step)
+        detected = detected_scenes([*digital_scenes(digital, MEASURE_SEEDS)], home, find_preparation(prepare))
     else:
-        detected = detected_images(directory, keypoints, home, step)
+        detected = detected_images(directory, keypoints, home, prepare)
     if cross_validate:
         fitted = fitted_beside(beside, beside_keypoints, home) if beside else []
         fitted += fitted_digital(home, beside_keypoints, keypoints)
@@ -132,11 +138,8 @@ def gestures(
         tr("evaluate.gestures.cross_validated" if cross_validate else "evaluate.gestures.shipped"),
         tr("evaluate.gestures.one_view" if single_look or digital else "evaluate.gestures.all_views"),
     )
-    unreadable = [one for one in detected if one.error]
-    if unreadable:
-        show(tr("evaluate.gestures.unreadable", count=len(unreadable)))
-        show(*(f"  {one.image.path}: {render(one.error)}" for one in unreadable if one.error))
-    made = report.as_json(figures, corrected, detected, cross_validated=cross_validate, views=views)
+    show_unreadable({one.image.path: one.error for one in detected if one.error}, "gestures.unreadable")
+    made = report.as_json(figures, corrected, detected, cross_validated=cross_validate, views=views, prepare=prepare)
     write_json(made | report.kinds_json(kinds_left_out), json_file)
     if png is not None:
         report.plot_confusion(figures, png)
@@ -229,8 +232,9 @@ def finding(
     from kgdfa.keypoints import HandDetector
 
     total, empty = digital * len(POSES), redetection.empty_rooms(digital, first_seed)
+    unreadable: dict[str, Reason] = {}
     if directory is not None:
-        empty += redetection.images_without_hand(read_labels(directory), directory)
+        empty += redetection.images_without_hand(read_labels(directory), directory, unreadable)
     with progress("detecting", total) as step, HandDetector(hand_model(home), still=True) as detector:
         missed = redetection.missed_hands(detector, digital, first_seed, step)
         measured = redetection.measure_redetection(detector, missed, empty)
@@ -240,6 +244,7 @@ def finding(
         redetection.redetection_table("redetection", measured, total=total, missed=len(missed), empty=len(empty)),
         redetection.redetection_table("redetection.near", measured_near, total=len(near), empty=len(empty)),
     )
+    show_unreadable(unreadable)
 
 
 @cli.command()
@@ -269,8 +274,8 @@ def video(
 @cli.command()
 def preprocessing(
     directory: Annotated[Path | None, typer.Argument(help="Folder with labels.csv; without it, digital hands.")] = None,
-    every: Annotated[int, typer.Option(help="Take every n-th image.", min=1)] = 12,
-    digital: Annotated[int, typer.Option(help="How many digital hands a pose, without a folder.", min=1)] = 5,
+    every: Annotated[int, typer.Option(help="Take every n-th image.", min=1)] = EVERY,
+    digital: Annotated[int, typer.Option(help="How many digital hands a pose, without a folder.", min=1)] = PER_POSE,
     json_file: Json = None,
     home: HomeOption = None,
 ) -> None:
@@ -279,21 +284,29 @@ def preprocessing(
     from app.evaluate.gestures import ablation
     from kgdfa.keypoints import HandDetector
 
-    listed = read_labels(directory)[::every] if directory is not None else []
-    read = ablation.read_images(listed, directory) if directory else ablation.digital_images(digital, MEASURE_SEEDS)
-    total = len(listed) if directory else digital * len(POSES)
+    unreadable: dict[str, Reason] = {}
+    if directory is None:
+        refuse_options("evaluate preprocessing --digital", {"--every": every != EVERY})
+        read, total = ablation.digital_images(digital, MEASURE_SEEDS), digital * len(POSES)
+    else:
+        refuse_options("evaluate preprocessing DIR", {"--digital": digital != PER_POSE})
+        listed = read_labels(directory)[::every]
+        read, total = ablation.photos(listed, directory, unreadable), len(listed)
     with progress("preparing", total) as step, HandDetector(hand_model(home), still=True) as detector:
         measured = ablation.measure_preparations(read, detector, step)
     costs_ms = ablation.preparation_costs()
     show(ablation.preparation_table(measured, costs_ms))
-    write_json({"worth": msgspec.to_builtins(measured), "cost_ms": costs_ms}, json_file)
+    show_unreadable(unreadable)
+    write_json({"worth": measured, "cost_ms": costs_ms, "unreadable": unreadable}, json_file)
 
 
 @cli.command()
 def side(
     directory: Directory = None,
     every: Annotated[int, typer.Option(help="Take every n-th image.", min=1)] = 1,
-    digital: Annotated[int, typer.Option(help="Digital people, each with every gesture, without a folder.", min=1)] = 6,
+    digital: Annotated[
+        int, typer.Option(help="Digital people, each with every gesture, without a folder.", min=1)
+    ] = PEOPLE,
     keypoints: Keypoints = None,
     json_file: Json = None,
     home: HomeOption = None,
@@ -301,7 +314,12 @@ def side(
     """How surely the side of a hand is told: on photos beside their mirror images, or on digital hands."""
     from app.evaluate.gestures import side as sides
 
+    if directory is None:
+        refuse_options("evaluate side --digital", {"--keypoints": keypoints, "--every": every != 1})
+    else:
+        refuse_options("evaluate side DIR", {"--digital": digital != PEOPLE})
     if directory is not None and keypoints is not None:
+        refuse_options("evaluate side --keypoints", {"--every": every != 1})
         figures = sides.measure_looks(detected_images(directory, keypoints, home))
     elif directory is not None:
         images = [one for one in read_labels(directory) if one.gesture is not None][::every]
@@ -313,28 +331,28 @@ def side(
             progress("detecting", len([*sides.digital_hands(digital)])) as step,
         ):
             figures = sides.measure_digital(detector, digital, step)
-    total = figures.frames.total()
-    right = percent(figures.right, 2) if total else "–"
-    summary = tr("evaluate.side.summary", right=right, frames=total, images=figures.images, without=figures.without)
+    counts = {"frames": figures.frames.total(), "images": figures.images, "without": figures.without}
+    summary = tr("evaluate.side.summary", right=percent(figures.right, 2), **counts)
     show(sides.side_table(figures), sides.sources_table(figures), summary, *sides.arms_summary(figures))
+    show_unreadable(figures.unreadable)
     write_json({"right": figures.right, **msgspec.to_builtins(figures)}, json_file)
     if figures.interrupted:
         raise typer.Exit(130)
 
 
 def detected_images(
-    directory: Path, keypoints: Path | None, home: Path | None, prepare: Prepare = as_bgr8
+    directory: Path, keypoints: Path | None, home: Path | None, prepare: str = UNPREPARED
 ) -> list[DetectedImage]:
-    """The hands in a folder's images, detected now or read from the keypoint file."""
+    """The hands in a folder's images, detected now or read from the keypoint file. prepare: of PREPARATIONS."""
     from app.evaluate.gestures.images import detect_images
 
-    images = read_labels(directory)
+    preparation, images = find_preparation(prepare), read_labels(directory)
 
     def detect() -> list[DetectedImage]:
         with progress("detecting", len(images)) as step:
-            return detect_images(images, directory, hand_model(home), step, prepare)
+            return detect_images(images, directory, hand_model(home), step, preparation)
 
-    return _kept(keypoints, images, detect)
+    return _kept(keypoints, images, detect, prepare)
 
 
 def fitted_beside(directory: Path, keypoints: Path | None, home: Path | None) -> list[DetectedImage]:
@@ -355,16 +373,19 @@ def fitted_digital(home: Path | None, *keypoints: Path | None) -> list[DetectedI
 
 
 def _kept(
-    file: Path | None, images: list[LabelledImage], detect: Callable[[], list[DetectedImage]]
+    file: Path | None,
+    images: list[LabelledImage],
+    detect: Callable[[], list[DetectedImage]],
+    prepare: str = UNPREPARED,
 ) -> list[DetectedImage]:
     """Read from the file where it is there; else detected now, and kept in it."""
     from app.evaluate.gestures.images import load_hands, save_hands
 
     if file is not None and file.exists():
-        return load_hands(file, images)
+        return load_hands(file, images, prepare)
     detected = detect()
     if file is not None:
-        save_hands(detected, file)
+        save_hands(detected, file, prepare)
     return detected
 
 

@@ -52,12 +52,12 @@ def speed(
         require_extra("evaluate", "onnx", "onnxruntime")
 
     model = hand_model(home)
-    images, focal_px = timing.frames_for_speed(directory, frames)
+    images, focal_px, unreadable = timing.frames_for_speed(directory, frames)
     with progress("timing", len(images) + min(timing.WARM_UP, len(images))) as step:
         figures = timing.measure_speed(images, model, focal_px=focal_px, onnx=onnx or [], step=step)
     height, width = images[0].shape[:2]
     show(timing.speed_table(figures, width, height), tr("evaluate.speed.summary", **msgspec.to_builtins(figures)))
-    show(timing.detectors_table(figures))
+    show(timing.detectors_table(figures), *(tr("evaluate.speed.unreadable", file=path) for path in unreadable))
     offline = []
     for count in timing.worker_counts(workers):
         with status_line() as status:

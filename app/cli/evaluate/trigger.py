@@ -8,7 +8,7 @@ from typing import Annotated
 import msgspec
 import typer
 
-from app.cli.common import MAX_SEED, HomeOption, Json, check_finite, check_output
+from app.cli.common import MAX_SEED, HomeOption, Json, check_finite, check_output, refuse_options
 from app.cli.evaluate.common import (
     Click,
     Focal,
@@ -27,21 +27,25 @@ from app.text.catalogue import tr
 from profiles.schema import HandUsed
 
 cli = typer.Typer()
+HANDS, WALKS, FOCAL_PX, WORKERS = 6, 48, 650.0, 2  # of Table 5
 
 
 @cli.command()
 def distance(
     folder: Annotated[Path | None, typer.Argument(help="A folder with frames.csv; without it, Table 5.")] = None,
-    hands: Annotated[int, typer.Option(help="Digital hands, without a folder.", min=1)] = 6,
-    walks: Annotated[int, typer.Option(help="Seconds of random walk, without a folder.", min=1)] = 48,
-    focal_px: Focal = 650.0,
-    workers: Workers = 2,
+    hands: Annotated[int, typer.Option(help="Digital hands, without a folder.", min=1)] = HANDS,
+    walks: Annotated[int, typer.Option(help="Seconds of random walk, without a folder.", min=1)] = WALKS,
+    focal_px: Focal = FOCAL_PX,
+    workers: Workers = WORKERS,
     json_file: Json = None,
     plot: Plot = None,
     home: HomeOption = None,
 ) -> None:
     """Distance against the truth: on labelled frames, or Table 5 on the digital hand."""
     if folder is not None:
+        simulated = {"--hands": hands != HANDS, "--walks": walks != WALKS}
+        simulated |= {"--focal-px": focal_px != FOCAL_PX, "--workers": workers != WORKERS}
+        refuse_options("evaluate distance DIR", simulated)
         _distance_on_frames(folder, json_file, plot, home)
         return
     from app.evaluate.distance.table5 import evaluate_table_5, plot_table_5, steps, tables

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 from rich.table import Table
 
-from app.evaluate.harness import FRAME_NS, Step, decorate, figure, percent, table
+from app.evaluate.harness import FRAME_NS, Step, decimals, decorate, figure, percent, table
 from app.evaluate.readings import LabelledFrame
 from app.perception.pipeline import RANGES
 from app.text.catalogue import tr
@@ -32,7 +32,8 @@ STYLES: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DistanceFigures:
-    """Over the frames with a measurement. Errors are of the shown distance, near shares of the safe one.
+    """Over the frames with a measurement; NaN where there is none. Errors are of the shown distance, near shares of the
+    safe one.
 
     near_3, near_10: share of frames in which the button's distance reads nearer than the truth by over 3, 10 %.
     """
@@ -53,7 +54,7 @@ class DistanceFigures:
 
     def cells(self) -> tuple[str, ...]:
         """As COLUMNS has them after the first."""
-        lengths = (f"{self.mae_cm:.2f}", f"{self.bias_cm:+.2f}", f"{self.p95_cm:.2f}")
+        lengths = (decimals(self.mae_cm, ".2f"), decimals(self.bias_cm, "+.2f"), decimals(self.p95_cm, ".2f"))
         shares = (percent(self.within_5cm), percent(self.near_3, 2), percent(self.near_10, 2))
         return (str(self.frames), str(self.missing), *lengths, *shares)
 
@@ -65,7 +66,7 @@ def figures(true_m: FloatArray, shown_m: FloatArray, safe_m: FloatArray) -> Dist
         nothing = float("nan")
         return DistanceFigures(
             frames=len(true_m), missing=len(true_m), mae_cm=nothing, bias_cm=nothing, p95_cm=nothing,
-            within_5cm=0.0, near_3=0.0, near_10=0.0,
+            within_5cm=nothing, near_3=nothing, near_10=nothing,
         )  # fmt: skip
     error_cm = (shown_m[measured] - true_m[measured]) * 100
     of_true = safe_m[measured] / true_m[measured]

@@ -19,7 +19,7 @@ from rich.table import Table
 
 from app.evaluate.digital import Moment, PoolDetector, held, map_pool, take, tilted, walk
 from app.evaluate.distance.frames import COLUMNS, STYLES, DistanceFigures, figures, values
-from app.evaluate.harness import DISTANCES_CM, MODES, Step, decorate, figure, table
+from app.evaluate.harness import DISTANCES_CM, MODES, Step, decimals, decorate, figure, percent, table
 from app.evaluate.readings import GESTURE_NAMES
 from app.text.catalogue import tr
 from hal.cameras.camera import Intrinsics
@@ -290,7 +290,7 @@ def _tilt_row(number: int, pairs: list[tuple[FloatArray, FloatArray]]) -> TiltRo
         mean_percent=_mean(shown),
         median_percent=100 * float(np.median(np.abs(shown[measured]))) if measured.any() else math.nan,
         p95_percent=100 * float(np.percentile(np.abs(shown[measured]), 95)) if measured.any() else math.nan,
-        near_3=float(np.mean(safe[measured] < -0.03)) if measured.any() else 0.0,
+        near_3=float(np.mean(safe[measured] < -0.03)) if measured.any() else math.nan,
     )
 
 
@@ -317,7 +317,8 @@ def _table_5(result: Table5) -> Table:
         mono, depth = row.mono_percent, row.depth_percent
         errors = (paper, mono["published"], mono["robust"], row.worst_percent, paper_depth)
         both = (depth["published"], depth["robust"])
-        rows.append((row.distance_cm, *map(_signed, (*errors, *both)), f"{100 * row.depth_zero:.0f} %"))
+        signed = (decimals(error, "+.1f") for error in (*errors, *both))
+        rows.append((row.distance_cm, *signed, f"{100 * row.depth_zero:.0f} %"))
     columns = "cm paper published robust worst_hand d435i_paper published robust zeros"
     caption = "distance.zeros"
     return table(
@@ -329,10 +330,10 @@ def _tilt_table(result: Table5) -> Table:
     rows = [
         (
             f"{row.direction_deg}°",
-            f"{row.mean_percent:+.1f}",
-            f"{row.median_percent:.1f}",
-            f"{row.p95_percent:.1f}",
-            f"{100 * row.near_3:.1f} %",
+            decimals(row.mean_percent, "+.1f"),
+            decimals(row.median_percent, ".1f"),
+            decimals(row.p95_percent, ".1f"),
+            percent(row.near_3),
         )
         for row in result.tilts
     ]
@@ -341,10 +342,6 @@ def _tilt_table(result: Table5) -> Table:
 
 def _walk_table(result: Table5) -> Table:
     return table("distance.walks", COLUMNS, [(name, *one.cells()) for name, one in result.walk.items()], left=9)
-
-
-def _signed(error_percent: float | None) -> str:
-    return "–" if error_percent is None or math.isnan(error_percent) else f"{error_percent:+.1f}"
 
 
 def plot_table_5(result: Table5, path: Path) -> None:

@@ -21,12 +21,12 @@ from app.evaluate.digital import digital_scenes, image_of_scene
 from app.evaluate.gestures.images import classify_image, robust_classifier
 from app.evaluate.gestures.measures import NONE, Classified
 from app.evaluate.harness import Step, mean, percent, table
-from app.evaluate.readings import NO_HAND, DetectedImage, LabelledImage
+from app.evaluate.readings import NO_HAND, DetectedImage, LabelledImage, read_images
 from app.text.catalogue import tr
-from hal.cameras.playback import decode_image
 from kgdfa.augmentation import AUGMENTATIONS, Augmentation, StillDetector, detect_augmented
-from kgdfa.preprocess import PREPARATIONS, Image, as_bgr8
+from kgdfa.preprocess import PREPARATIONS, Image
 from kgdfa.robust import RobustRules
+from logs.reason import Reason
 
 DARK_SHARE, DARK_SD = 0.12, 4.0  # of the light that is left, and the sensor's noise in what is left, grey levels
 NOISE_SD = 28.0  # grey levels, as at the highest gain of a webcam
@@ -51,14 +51,17 @@ Degradation = Callable[[Image, int], Image]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PreparationFigures:
-    """Shares: of images with a hand, where one was found; of gestures, classified right; of undefined, accepted."""
+    """Shares: of images with a hand, where one was found; of gestures, classified right; of undefined, accepted.
+
+    None: of nothing.
+    """
 
     degraded: str
     prepared: str
     images: int
-    found: float
-    right: float
-    accepted_undefined: float
+    found: float | None
+    right: float | None
+    accepted_undefined: float | None
 
 
 def _as_it_is(image: Image, _seed: int) -> Image:
@@ -92,14 +95,12 @@ def _noisy(image: NDArray[np.float32], seed: int, sd: float) -> Image:
 DEGRADATIONS: dict[str, Degradation] = {"none": _as_it_is, "dark": _dark, "noise": _grainy, "blur": _blurred}
 
 
-def read_images(
-    images: Sequence[LabelledImage], directory: Path
+def photos(
+    images: Sequence[LabelledImage], directory: Path, unreadable: dict[str, Reason]
 ) -> Iterator[tuple[LabelledImage, Image, Augmentation]]:
-    """Image files that can be read, and the view to take."""
-    for labelled in images:
-        image = decode_image(directory / labelled.path, cv2.IMREAD_UNCHANGED)
-        if image is not None:
-            yield labelled, as_bgr8(image), AUGMENTATIONS[0]
+    """Image files that can be read, and the view to take; the others are added to `unreadable`."""
+    for labelled, image in read_images(images, directory, unreadable):
+        yield labelled, image, AUGMENTATIONS[0]
 
 
 def digital_images(per_pose: int, first_seed: int) -> Iterator[tuple[LabelledImage, Image, Augmentation]]:

@@ -89,7 +89,7 @@ class EnrolledPatient:
     limit: HandLimit
     vocabulary: tuple[Gesture, ...]
     refusals: tuple[str, ...]
-    recognised: float
+    recognised: float | None
     unintended: int
     tried: int
 
@@ -175,7 +175,7 @@ def enrolment_table(found: Sequence[EnrolledPatient]) -> Table:
             tr(limit),
             f"{len(proven)}/{len(own)}",
             ", ".join(f"{code.lower().replace('_', ' ')}: {count}" for code, count in refusals.items()) or "–",
-            percent(mean(one.recognised for one in proven)) if proven else "–",
+            percent(mean(one.recognised for one in proven if one.recognised is not None)),
             f"{sum(one.unintended for one in proven)}/{sum(len(one.vocabulary) + 1 for one in proven)}",
             f"{sum(one.tried for one in proven)}/{sum(len(Gesture) - len(one.vocabulary) for one in proven)}",
             *counts,

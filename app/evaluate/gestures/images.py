@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import threading
 from collections.abc import Callable, Sequence
@@ -10,16 +11,14 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import cv2
 import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
 from app.evaluate.gestures.measures import Classified
-from app.evaluate.harness import EvaluateFault, Step, writing
-from app.evaluate.readings import GESTURE_NAMES, DetectedImage, LabelledImage
+from app.evaluate.harness import EvaluateFault, Step, write_whole
+from app.evaluate.readings import GESTURE_NAMES, UNPREPARED, DetectedImage, LabelledImage, read_image
 from app.system.errors import AppError
-from hal.cameras.playback import decode_image
 from kgdfa.augmentation import FALLBACK_THRESHOLD, StillDetector, detect_photo
 from kgdfa.errors import KgdfaError
 from kgdfa.gesture import Verdict
@@ -50,11 +49,9 @@ def detect_images(
         return pair
 
     def detect(labelled: LabelledImage) -> DetectedImage:
-        """A file that can't be read is an error to be counted, not an exception."""
-        image = decode_image(directory / labelled.path, cv2.IMREAD_UNCHANGED)
-        if image is None:
-            unreadable = reason(EvaluateFault.IMAGE_UNREADABLE, file=labelled.path)
-            return DetectedImage(image=labelled, hands=(), error=unreadable)
+        image = read_image(labelled, directory)
+        if isinstance(image, Reason):
+            return DetectedImage(image=labelled, hands=(), error=image)
         plain, sensitive = detectors()
         try:
             return DetectedImage(image=labelled, hands=detect_photo(plain, sensitive, prepare(image)))
@@ -69,28 +66,34 @@ def detect_images(
     return detected
 
 
-def save_hands(detected: Sequence[DetectedImage], path: Path) -> None:
-    """Write every image's hands as a compressed npz. Raises AppError when it can't be written."""
+def save_hands(detected: Sequence[DetectedImage], path: Path, prepare: str = UNPREPARED) -> None:
+    """Write every image's hands as a compressed npz. Raises AppError when it can't be written.
+
+    prepare: the name of the preprocessing before detection.
+    """
     hands = [(number, hand) for number, one in enumerate(detected) for hand in one.hands]
-    with writing(path):
-        np.savez_compressed(
-            path,
-            images=np.array([[*msgspec.to_builtins(one.image).values(), _encoded(one.error)] for one in detected]),
-            owner=np.array([number for number, _ in hands], dtype=np.int64),
-            image_px=np.array([hand.image_px for _, hand in hands], dtype=np.float32).reshape(-1, 21, 2),
-            world_m=np.array([hand.world_m for _, hand in hands], dtype=np.float32).reshape(-1, 21, 3),
-            presence=np.array([hand.presence for _, hand in hands]),
-            side=np.array([hand.side.value for _, hand in hands], dtype="U5"),
-        )
+    content = io.BytesIO()
+    np.savez_compressed(
+        content,
+        prepare=np.array([prepare]),
+        images=np.array([[*msgspec.to_builtins(one.image).values(), _encoded(one.error)] for one in detected]),
+        owner=np.array([number for number, _ in hands], dtype=np.int64),
+        image_px=np.array([hand.image_px for _, hand in hands], dtype=np.float32).reshape(-1, 21, 2),
+        world_m=np.array([hand.world_m for _, hand in hands], dtype=np.float32).reshape(-1, 21, 3),
+        presence=np.array([hand.presence for _, hand in hands]),
+        side=np.array([hand.side.value for _, hand in hands], dtype="U5"),
+    )
+    write_whole(path, content.getvalue())
 
 
-def load_hands(path: Path, images: Sequence[LabelledImage]) -> list[DetectedImage]:
-    """What `save_hands` wrote. Raises AppError when it is no such file, or belongs to other images."""
+def load_hands(path: Path, images: Sequence[LabelledImage], prepare: str = UNPREPARED) -> list[DetectedImage]:
+    """What `save_hands` wrote. Raises AppError when it is no such file, or of other images or another preprocessing."""
     try:
-        detected = _stored_images(read_arrays(path))
+        arrays = read_arrays(path)
+        detected, prepared = _stored_images(arrays), str(arrays.get("prepare", [UNPREPARED])[0])
     except (OSError, ValueError, KeyError, IndexError, TypeError, msgspec.MsgspecError) as error:
         raise AppError(EvaluateFault.KEYPOINTS_UNREADABLE, file=path, detail=cause_of(error)) from error
-    if [one.image for one in detected] != [*images]:
+    if [one.image for one in detected] != [*images] or prepared != prepare:
         raise AppError(EvaluateFault.KEYPOINTS_OF_OTHERS, file=path)
     return detected
 
@@ -156,7 +159,8 @@ def classify_all(detected: Sequence[DetectedImage], classifier: ImageClassifier)
 def classify_image(one: DetectedImage, classifier: ImageClassifier) -> Classified:
     """One image classified."""
     if not one.hands:
-        return Classified(image=one.image, detected=False, verdict=None, scores=np.zeros(len(GESTURE_NAMES)))
+        nothing = np.zeros(len(GESTURE_NAMES))
+        return Classified(image=one.image, detected=False, verdict=None, scores=nothing, readable=one.error is None)
     verdict, scores = classifier(one.hands)
     return Classified(image=one.image, detected=True, verdict=verdict, scores=scores)
 

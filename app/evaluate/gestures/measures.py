@@ -1,9 +1,10 @@
 """The paper's measures (Eqs. 5-10) of a rule set on labelled images, every image counted; and those of a sequence.
 
-An image without a hand, or that can't be read, is classified "none" with confidence 0 in every gesture. Pre, Re, IoU
-and F1 follow Eqs. 5-8 on the counts of classified images (Eq. 7's IoU is TP / (TP + FP + FN), not an overlap of
-boxes). AP (Eq. 9) is the area under precision over recall when all images are ranked by their confidence in
-the gesture; mAP (Eq. 10) is its mean over the twelve.
+An image without a hand, or that can't be read, is classified "none" with confidence 0 in every gesture; but one of an
+undefined hand that can't be read was not refused, and is left out of the shares accepted. Pre, Re, IoU and F1 are those
+of Eqs. 5-8 on the counts of classified images (Eq. 7's IoU is TP / (TP + FP + FN), not an overlap of boxes). AP (Eq. 9)
+is the area under precision over recall when all images are ranked by their confidence in the gesture; mAP (Eq. 10) is
+its mean over the twelve.
 """
 
 from __future__ import annotations
@@ -39,6 +40,7 @@ class Classified:
     detected: bool
     verdict: Verdict | None
     scores: FloatArray
+    readable: bool = True
 
     @property
     def predicted(self) -> str:
@@ -66,24 +68,27 @@ class GestureFigures:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SourceFigures:
-    """One source of images."""
+    """One source of images; None: a share of nothing."""
 
     n: int
-    detected: float  # share of the images that show a hand
-    right: float  # share of the gestures' images classified right
-    accepted_undefined: float  # share of the undefined ones taken for a gesture
+    detected: float | None  # share of the images that show a hand
+    right: float | None  # share of the gestures' images classified right
+    accepted_undefined: float | None  # share of the readable undefined ones taken for a gesture
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """Everything measured of one rule set. confusion: (13, 13) counts, truth by row, in the order of CLASSES."""
+    """Everything measured of one rule set; None: a mean or share of nothing.
 
-    macro_f1: float
-    map: float
-    accepted_undefined: float
-    wrong_gesture: float  # share of the gestures' images taken for another gesture
+    confusion: (13, 13) counts, truth by row, in the order of CLASSES.
+    """
+
+    macro_f1: float | None
+    map: float | None
+    accepted_undefined: float | None
+    wrong_gesture: float | None  # share of the gestures' images taken for another gesture
     per_gesture: dict[str, GestureFigures]
-    per_kind: dict[str, tuple[float, int]]  # of undefined: share accepted, and how many there are
+    per_kind: dict[str, tuple[float | None, int]]  # of undefined, readable: share accepted, and how many there are
     per_source: dict[str, SourceFigures]
     confusion: NDArray[np.int64]
 
@@ -105,12 +110,12 @@ def measure(classified: Sequence[Classified]) -> Figures:
         for k, name in enumerate(names)
     }
     shown = [figures for figures in per_gesture.values() if figures.n]
-    undefined = [one for one in classified if one.truth == NONE]
+    undefined = [one for one in classified if one.truth == NONE and one.readable]
     gestures = [one for one in classified if one.truth != NONE]
     return Figures(
         macro_f1=mean(figures.f1 for figures in shown),
         map=mean(figures.ap for figures in shown),
-        accepted_undefined=mean(one.predicted != NONE for one in undefined),
+        accepted_undefined=_accepted(undefined),
         wrong_gesture=mean(one.predicted not in (NONE, one.truth) for one in gestures),
         per_gesture=per_gesture,
         per_kind={kind: (_accepted(some), len(some)) for kind, some in _grouped(undefined, "label").items()},
@@ -135,11 +140,11 @@ def _source(some: list[Classified]) -> SourceFigures:
         n=len(some),
         detected=mean(one.detected for one in some if one.image.label != NO_HAND),
         right=mean(one.predicted == one.truth for one in gestures),
-        accepted_undefined=_accepted([one for one in some if one.truth == NONE]),
+        accepted_undefined=_accepted([one for one in some if one.truth == NONE and one.readable]),
     )
 
 
-def _accepted(some: list[Classified]) -> float:
+def _accepted(some: list[Classified]) -> float | None:
     return mean(one.predicted != NONE for one in some)
 
 
@@ -152,11 +157,11 @@ def _grouped(classified: Iterable[Classified], attribute: str) -> dict[str, list
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SequenceFigures:
-    """What a sequence shows. Frames between gestures (skip) count in nothing but false onsets."""
+    """What a sequence shows. Frames between gestures (skip) count in nothing but false onsets; None: of no frame."""
 
     frames: int
-    frame_accuracy: float  # of single verdicts
-    voted_accuracy: float  # of the voted gesture
+    frame_accuracy: float | None  # of single verdicts
+    voted_accuracy: float | None  # of the voted gesture
     shown: int  # stretches of one gesture long enough to be voted
     recognised: int  # of those, how many were voted at all
     broken: int  # recognised, and lost again before the stretch ended

@@ -10,23 +10,22 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import cv2
 import numpy as np
 from rich.table import Table
 
 from app.evaluate.digital import digital_scenes, image_of_scene
 from app.evaluate.gestures.ablation import cost_ms
 from app.evaluate.harness import Step, table
-from app.evaluate.readings import GESTURE_NAMES, NO_HAND, LabelledImage
+from app.evaluate.readings import GESTURE_NAMES, NO_HAND, LabelledImage, read_images
 from app.text.catalogue import tr
 from hal.cameras.digital_hand.raycast import project_px
 from hal.cameras.digital_hand.render import keypoints_m
-from hal.cameras.playback import decode_image
 from kgdfa.augmentation import StillDetector, to_image
 from kgdfa.hand import FloatArray, Hand, Keypoint
-from kgdfa.preprocess import Image, as_bgr8
+from kgdfa.preprocess import Image
 from kgdfa.redetection import SOUGHT_PALM
 from kgdfa.views import BRIGHTER, FULL_VIEW, NEAR_VIEWS, REDETECTION_VIEWS, View, render_view
+from logs.reason import Reason
 
 EDGE_ON = 0.6  # a palm seen edge on is taken to be this share of its length wide
 RIGHT_SEGMENTS = 0.35  # keypoints off by more than this on average, in reference segments, are not of that hand
@@ -62,10 +61,10 @@ def empty_rooms(count: int, first_seed: int) -> list[Image]:
     return [image_of_scene(replace(scene, place=None), 0) for scene in by_room.values()]
 
 
-def images_without_hand(images: Iterable[LabelledImage], directory: Path) -> list[Image]:
-    """The images labelled as showing none, those that can be read."""
-    read = (decode_image(directory / one.path, cv2.IMREAD_COLOR) for one in images if one.label == NO_HAND)
-    return [as_bgr8(image) for image in read if image is not None]
+def images_without_hand(images: Iterable[LabelledImage], directory: Path, unreadable: dict[str, Reason]) -> list[Image]:
+    """The images labelled as showing none, those that can be read; the others are added to `unreadable`."""
+    without = (one for one in images if one.label == NO_HAND)
+    return [image for _, image in read_images(without, directory, unreadable)]
 
 
 def measure_redetection(

@@ -15,7 +15,7 @@ from rich.table import Table
 
 from app.evaluate.gestures.corrections import corrected
 from app.evaluate.gestures.measures import CLASSES, Classified, Figures, SequenceFigures, measure
-from app.evaluate.harness import EvaluateFault, figure, in_english, percent, table, write_whole, writing
+from app.evaluate.harness import EvaluateFault, decimals, figure, in_english, percent, table, write_whole, writing
 from app.evaluate.readings import DetectedImage
 from app.text.catalogue import render, tr
 from hal.cameras.playback import decode_image
@@ -50,9 +50,9 @@ def shown(name: str, figures: Figures, images: int) -> Iterator[Table | str]:
     yield tr(
         "evaluate.gestures.summary",
         rules=name,
-        f1=figures.macro_f1,
+        f1=decimals(figures.macro_f1, ".4f"),
         paper_f1=PAPER_MACRO_F1 / 100,
-        map=figures.map,
+        map=decimals(figures.map, ".4f"),
         paper_map=PAPER_MAP / 100,
         accepted=percent(figures.accepted_undefined, 2),
         wrong=percent(figures.wrong_gesture, 2),
@@ -88,8 +88,8 @@ def corrected_shown(figures: Mapping[str, Figures], classified: Mapping[str, Seq
             "evaluate.gestures.corrected",
             rules=name,
             count=_corrections(classified[name]),
-            f1=one.macro_f1,
-            map=one.map,
+            f1=decimals(one.macro_f1, ".4f"),
+            map=decimals(one.map, ".4f"),
             wrong=percent(one.wrong_gesture, 2),
         )
 
@@ -136,9 +136,9 @@ def sequence_table(where: Path, figures: Mapping[str, SequenceFigures]) -> Table
     return table("sequence", columns, rows, file=where, frames=next(iter(figures.values())).frames)
 
 
-def _figure(value: float) -> str:
+def _figure(value: float | None) -> str:
     """A count as it is; a share to a ten-thousandth."""
-    return str(value) if isinstance(value, int) else f"{value:.4f}"
+    return "–" if value is None else str(value) if isinstance(value, int) else f"{value:.4f}"
 
 
 def as_json(
@@ -148,8 +148,10 @@ def as_json(
     *,
     cross_validated: bool,
     views: int | None,
+    prepare: str,
 ) -> dict[str, Any]:
-    """The machine-readable report; shares in [0, 1]. views: how many of an image were used, None for all.
+    """The machine-readable report; shares in [0, 1], null: of nothing. views: how many of an image were used, None for
+    all. prepare: the name of the preprocessing.
 
     labels_corrected: the same figures with the labels that the images contradict corrected; {} where none is.
     """
@@ -157,6 +159,7 @@ def as_json(
         "images": len(detected),
         "cross_validated": cross_validated,
         "views": views,
+        "prepare": prepare,
         "unreadable": [
             {"path": one.image.path, "error": msgspec.to_builtins(one.error)} for one in detected if one.error
         ],
@@ -189,7 +192,7 @@ def plot_confusion(figures: Mapping[str, Figures], path: Path) -> None:
             shares = one.confusion / np.maximum(one.confusion.sum(axis=1, keepdims=True), 1)
             axis.imshow(shares, cmap="Blues", vmin=0, vmax=1)
             axis.set(
-                title=tr("evaluate.plot.macro_f1", rules=name, f1=one.macro_f1),
+                title=tr("evaluate.plot.macro_f1", rules=name, f1=decimals(one.macro_f1, ".3f")),
                 xlabel=tr("evaluate.plot.predicted"),
                 ylabel=tr("evaluate.plot.shown"),
             )
@@ -211,7 +214,7 @@ def write_errors(
     for one, found in wrong:
         image = decode_image(directory / one.image.path, cv2.IMREAD_UNCHANGED)
         if image is not None:
-            name = f"{one.image.label.replace(':', '-')}_as_{one.predicted}_{Path(one.image.path).stem}.png"
+            name = f"{one.image.label.replace(':', '-')}_as_{one.predicted}_{one.image.path}.png"
             with in_english():
                 _, encoded = cv2.imencode(".png", _explained(image, one, found))
             write_whole(errors / name.replace("/", "-"), encoded.tobytes())
@@ -231,7 +234,8 @@ def _explained(image: NDArray[Any], classified: Classified, detected: DetectedIm
         return caption(np.zeros((8, 360, 3), np.uint8), lines)
     scale = max(1.0, 360 / bgr.shape[1]) if max(bgr.shape[:2]) < 360 else 1.0
     scale = min(scale, LARGEST_SIDE_PX / max(bgr.shape[:2]))
-    large = np.asarray(cv2.resize(bgr, None, fx=scale, fy=scale, interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
+    height, width = (max(1, round(side * scale)) for side in bgr.shape[:2])
+    large = np.asarray(cv2.resize(bgr, (width, height), interpolation=cv2.INTER_CUBIC), dtype=np.uint8)
     if detected.hands:
         draw_hand(large, replace(detected.hands[0], image_px=detected.hands[0].image_px * scale))
     return caption(large, lines)

@@ -14,23 +14,22 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import cv2
 from rich.table import Table
 
 from app.evaluate.digital import GAP_NS, MEASURE_SEEDS, image_of_scene, scene_of, side_of
 from app.evaluate.harness import FRAME_NS, Step, percent, table
-from app.evaluate.readings import GESTURE_NAMES, DetectedImage, LabelledImage
+from app.evaluate.readings import GESTURE_NAMES, DetectedImage, LabelledImage, read_image
 from app.text.catalogue import tr
 from hal.cameras.digital_hand.render import person_of
-from hal.cameras.playback import decode_image
 from kgdfa.augmentation import AUGMENTATIONS, Augmentation, augment
 from kgdfa.commanding import ARM_LIMIT_RAD, Tracks, update_tracks
 from kgdfa.gesture import RuleSet, Vote, update_vote
 from kgdfa.hand import Hand, Side
 from kgdfa.keypoints import HandDetector
-from kgdfa.preprocess import Image, as_bgr8
+from kgdfa.preprocess import Image
 from kgdfa.robust import RobustRules
 from kgdfa.track import Enrolment, arm_rad
+from logs.reason import Reason
 
 HELD_FRAMES = 8
 PLAIN, MIRRORED = Augmentation(), Augmentation(mirrored=True)
@@ -49,13 +48,14 @@ class SideFigures:
     without: int = 0  # images without a voted gesture
     # Of the plain looks at gestures in stored keypoints, from upright.
     arms_rad: list[float] = field(default_factory=list)
+    unreadable: dict[str, Reason] = field(default_factory=dict)  # images' paths → why
     interrupted: bool = False
 
     @property
-    def right(self) -> float:
-        """Share of the frames with a voted gesture whose side is right."""
+    def right(self) -> float | None:
+        """Share of the frames with a voted gesture whose side is right; None: there is no such frame."""
         total = self.frames.total()
-        return 1 - (self.wrong.total() + self.unclear.total()) / total if total else 0.0
+        return 1 - (self.wrong.total() + self.unclear.total()) / total if total else None
 
     def count_source(self, image: LabelledImage, side: Side | None) -> None:
         """One photo's side."""
@@ -105,9 +105,11 @@ def measure_photos(detector: HandDetector, images: Iterable[LabelledImage], dire
     measure, figures = SideMeasure(detector), SideFigures()
     try:
         for labelled in images:
-            image = decode_image(directory / labelled.path, cv2.IMREAD_UNCHANGED)
-            if image is not None:
-                plain, mirrored = (measure.sides(augment(as_bgr8(image), one)[0]) for one in (PLAIN, MIRRORED))
+            image = read_image(labelled, directory)
+            if isinstance(image, Reason):
+                figures.unreadable[labelled.path] = image
+            else:
+                plain, mirrored = (measure.sides(augment(image, one)[0]) for one in (PLAIN, MIRRORED))
                 _add_pair(figures, labelled, plain, [side and side.other for side in mirrored])
             step()
     except KeyboardInterrupt:
@@ -119,6 +121,8 @@ def measure_looks(detected: Iterable[DetectedImage]) -> SideFigures:
     """From stored keypoints: one look at each photo, and the one at its mirror image where every look is stored."""
     rules, figures = RobustRules(), SideFigures()
     for one in detected:
+        if one.error and one.image.gesture is not None:
+            figures.unreadable[one.image.path] = one.error
         if one.hands and one.image.gesture is not None:
             # Of fewer looks nobody knows which is which.
             mirrored = one.hands[MIRRORED_LOOK] if len(one.hands) == len(AUGMENTATIONS) else None

@@ -23,15 +23,17 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import cv2
+import numpy as np
 from rich.table import Table
 
 from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, percent, table
 from app.evaluate.loop.networks import NetworkSize, OnnxDetector, bundle_sizes
-from app.evaluate.readings import images_of, read_frames
+from app.evaluate.readings import SPEED_COLUMNS, read_frames
 from app.perception.reporting import PreviewPacer
 from app.system.errors import AppError
 from app.system.scheduling import gc_freeze
 from app.text.catalogue import tr
+from hal.cameras.playback import decode_image
 from kgdfa.button import ButtonPlace
 from kgdfa.draw import draw
 from kgdfa.pipeline import Pipeline, PipelineInput
@@ -145,7 +147,7 @@ def measure_speed(
     with HandDetector(model) as bare, live_detector(model) as detector:
         pipeline = _timed_pipeline(detector, focal_px, place, watch)
         for number, image in enumerate([*images[:WARM_UP], *images]):
-            if number == WARM_UP:
+            if number == min(WARM_UP, len(images)):
                 gc_freeze()  # as a session's perception does
                 watch.spent_s.clear()
                 hands.clear()
@@ -215,11 +217,17 @@ class Throughput:
     fps: float
 
 
-def frames_for_speed(directory: Path | None, count: int) -> tuple[list[Image], float]:
-    """Images and focal length: of a recording, or of the digital hand showing one gesture after the other."""
+def frames_for_speed(directory: Path | None, count: int) -> tuple[list[Image], float, list[Path]]:
+    """Images and focal length, and the files that can't be read: of a recording, or of the digital hand showing one
+    gesture after the other. Raises AppError where none can be read.
+    """
     if directory is not None:
-        listed = read_frames(directory)[:count]
-        return list(images_of(listed)), listed[0].focal_px
+        listed = read_frames(directory, SPEED_COLUMNS)[:count]
+        read = [(frame.path, decode_image(frame.path, cv2.IMREAD_COLOR)) for frame in listed]
+        found = [np.asarray(image, np.uint8) for _, image in read if image is not None]
+        if not found:
+            raise AppError(EvaluateFault.IMAGE_UNREADABLE, file=listed[0].path)
+        return found, listed[0].focal_px, [path for path, image in read if image is None]
     from hal.cameras.digital_hand.driver import DigitalHandCamera
     from hal.cameras.digital_hand.skeleton import GESTURES
 
@@ -229,7 +237,7 @@ def frames_for_speed(directory: Path | None, count: int) -> tuple[list[Image], f
         if number % 25 == 0:
             camera.command(gesture=GESTURES[number // 25 % len(GESTURES)].name, at_ns=number * FRAME_NS)
         images.append(camera.render((number + 1) * FRAME_NS).image_bgr)
-    return images, camera.lens.fx_px
+    return images, camera.lens.fx_px, []
 
 
 def worker_counts(workers: int | None) -> list[int]:
@@ -255,7 +263,7 @@ def _run(directory: Path | None, count: int, model: Path, together: Barrier) -> 
     from kgdfa.keypoints import live_detector
 
     cv2.setNumThreads(1)
-    images, focal_px = frames_for_speed(directory, count)
+    images, focal_px, _ = frames_for_speed(directory, count)
     height, width = images[0].shape[:2]
     place = ButtonPlace.in_the_middle(width, height, THRESHOLD_M)
     finder = RobustRange(focal_px=focal_px, reference_m=REFERENCE_M)

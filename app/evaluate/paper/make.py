@@ -1,8 +1,8 @@
 """The paper's tables 3 to 7, each made by its own command of `rleex evaluate` and kept with how it was made.
 
 A folder holds `table-3.json` and `table-3.run.json`, and so on, each as soon as it is made: an interrupted run goes on
-with the next table, and a table whose command is another now is made again. Table 7 takes hours; `table-7.kept.jsonl`
-holds its sessions, and it goes on from these, also after it gave up.
+with the next table, and a table whose command is another now is made again. Table 7 takes hours; a file such as
+`table-7.kept-1-3.jsonl` holds the sessions of its hands, and it goes on from these, also after it gave up.
 """
 
 from __future__ import annotations
@@ -21,8 +21,9 @@ from typing import Any, TypeVar
 
 import msgspec
 
-from app.evaluate.harness import EvaluateFault, write_whole
+from app.evaluate.harness import EvaluateFault, write_whole, writing
 from app.system.errors import AppError
+from app.system.files import partial_file
 from app.system.program import PROGRAM, ROOT, VERSION, program_identity
 
 Content = TypeVar("Content")
@@ -33,11 +34,11 @@ INTERRUPTED = 130  # exit status of a command that the operator ended
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """A table, and the arguments of `rleex evaluate` that make it. kept: whether it keeps what is made of it."""
+    """A table, and the arguments of `rleex evaluate` that make it. kept: the hands whose sessions it keeps."""
 
     table: int
     arguments: tuple[str, ...]
-    kept: bool = False
+    kept: str = ""
 
     @property
     def command(self) -> str:
@@ -68,12 +69,12 @@ def jobs(data: Path | None, *, attempts: int, hands: str, changes: int, onnx: Se
         Job(4, ("speed", *frames, "--workers", "0", *others)),
         Job(5, ("distance",)),
         Job(6, ("trigger", "--changes", str(changes))),
-        Job(7, ("response", "--trials", str(attempts), "--seeds", hands), kept=True),
+        Job(7, ("response", "--trials", str(attempts), "--seeds", hands), kept=hands.replace(" ", "")),
     )
 
 
 def make(job: Job, out: Path, options: Sequence[str] = (), program: Sequence[str] = EVALUATE) -> None:
-    """Make the table unless it was made so before, by a process of its own.
+    """Make the table unless it was made so before, by a process of its own; older figures stay until it is made.
 
     options: of every command, such as where data are stored. program: what is given the job's arguments.
 
@@ -82,15 +83,17 @@ def make(job: Job, out: Path, options: Sequence[str] = (), program: Sequence[str
     figures, kept = figures_file(out, job.table), run_file(out, job.table)
     if _made(job, figures, kept):
         return
-    figures.unlink(missing_ok=True)
-    keep = ("--keep", str(out / f"table-{job.table}.kept.jsonl")) if job.kept else ()
+    keep = ("--keep", str(out / f"table-{job.table}.kept-{job.kept}.jsonl")) if job.kept else ()
     began_s = time.monotonic()
-    status = subprocess.run([*program, *job.arguments, *keep, "--json", str(figures), *options], check=False).returncode
-    if status == INTERRUPTED:
-        figures.unlink(missing_ok=True)
-        raise KeyboardInterrupt
-    if not figures.is_file():
-        raise AppError(EvaluateFault.TABLE_NOT_MADE, table=job.table, command=job.command, status=status)
+    with partial_file(figures) as partial:
+        command = [*program, *job.arguments, *keep, "--json", str(partial), *options]
+        status = subprocess.run(command, check=False).returncode
+        if status == INTERRUPTED:
+            raise KeyboardInterrupt
+        if not partial.is_file():
+            raise AppError(EvaluateFault.TABLE_NOT_MADE, table=job.table, command=job.command, status=status)
+        with writing(figures):
+            partial.replace(figures)
     write_whole(kept, msgspec.json.encode(_run(job, status, time.monotonic() - began_s)))
 
 

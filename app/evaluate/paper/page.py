@@ -13,7 +13,7 @@ from typing import Any
 from app.evaluate.distance.table5 import FIRST_HAND as FIRST_RULER
 from app.evaluate.distance.table5 import PAPER_TABLE_5
 from app.evaluate.gestures.report import PAPER_MACRO_F1, PAPER_MAP, PAPER_TABLE_3
-from app.evaluate.harness import MODES, decorate, figure, require_extra, write_whole
+from app.evaluate.harness import MODES, decimals, decorate, figure, require_extra, write_whole
 from app.evaluate.loop.speed import BARE, PAPER_PARAMETERS, PAPER_TABLE_4, WHOLE
 from app.evaluate.loop.table7 import PAPER, PAPER_OVERALL
 from app.evaluate.paper.make import Run, figures_file, read_as, run_file
@@ -43,8 +43,8 @@ def _table_3(figures: dict[str, Any]) -> Sheet:
     for gesture, (*_, f1, ap) in PAPER_TABLE_3.items():
         ours = [100 * rules[name]["per_gesture"][gesture][key] for key in ("f1", "ap") for name in MODES]
         rows.append((gesture, f1, *ours[:2], ap, *ours[2:]))
-    means = [100 * rules[name][key] for key in ("macro_f1", "map") for name in MODES]
-    accepted = [f"{100 * rules[name]['accepted_undefined']:.2f}" for name in MODES]
+    means = [_percent(rules[name][key]) for key in ("macro_f1", "map") for name in MODES]
+    accepted = [decimals(_percent(rules[name]["accepted_undefined"]), ".2f") for name in MODES]
     series = _series(rows, {"paper": 1, "published": 2, "robust": 3})
     last = (tr("evaluate.paper.mean"), PAPER_MACRO_F1, *means[:2], PAPER_MAP, *means[2:])
     undefined = tr("evaluate.paper.undefined", published=accepted[0], robust=accepted[1], images=figures["images"])

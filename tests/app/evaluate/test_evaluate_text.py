@@ -52,6 +52,17 @@ def test_every_text_is_in_the_catalogue(language: str) -> None:
     assert not [key for key in keys if not knows(key)]
 
 
+def test_no_bar_has_a_label_that_no_catalogue_has() -> None:
+    calls = [
+        node
+        for file in Path(commands.__file__).parents[1].rglob("*.py")
+        for node in ast.walk(ast.parse(file.read_text("utf-8")))
+    ]
+    labels = [node.args[1] for node in calls if isinstance(node, ast.Call) and ast.unparse(node.func) == "bar"]
+    assert labels
+    assert [label.value for label in labels if isinstance(label, ast.Constant)] == []
+
+
 @pytest.mark.parametrize(("module", "extra"), [("sklearn.metrics", "evaluate"), ("duckdb", "analysis")])
 def test_a_command_without_its_extra_ends_with_one_sentence(
     module: str, extra: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]

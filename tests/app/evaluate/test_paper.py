@@ -65,10 +65,46 @@ def test_an_interrupted_command_leaves_no_figures_and_is_made_again(tmp_path: Pa
 
 
 def test_a_table_that_gave_up_goes_on_the_next_time(tmp_path: Path) -> None:
-    job = Job(7, ("response",), kept=True)
+    job = Job(7, ("response",), kept="1-3")
     made(tmp_path, job, status=1)
     write_json({"gave_up": {"code": "EvaluateFault.NO_ROUND"}}, figures_file(tmp_path, 7))
     assert [made(tmp_path, job), made(tmp_path, job)] == [2, 2]
+
+
+# As `response`: goes on from what is kept of its seeds, and refuses what is kept of others.
+KEEPING = """
+import pathlib, sys
+given = sys.argv
+kept, seeds = pathlib.Path(given[given.index("--keep") + 1]), given[given.index("--seeds") + 1]
+if kept.exists() and kept.read_text() != seeds:
+    raise SystemExit(2)
+kept.write_text(seeds)
+pathlib.Path(given[given.index("--json") + 1]).write_text('{"seeds": "' + seeds + '"}')
+"""
+
+
+def test_other_hands_are_kept_apart(tmp_path: Path) -> None:
+    for hands in ("1-3", "1, 2", "1-3"):
+        (job,) = (one for one in jobs(None, attempts=1, hands=hands, changes=4, onnx=[]) if one.table == 7)
+        make(job, tmp_path, (), (sys.executable, "-c", KEEPING))
+        assert read_as(figures_file(tmp_path, 7), dict[str, str]) == {"seeds": hands}
+
+
+@pytest.mark.parametrize(("status", "ends"), [(2, AppError), (130, KeyboardInterrupt)])
+def test_older_figures_stay_where_no_new_ones_are_made(tmp_path: Path, status: int, ends: type[BaseException]) -> None:
+    made(tmp_path)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.name != "made"}
+    with pytest.raises(ends):
+        made(tmp_path, Job(5, ("distance", "--hands", "2")), status)
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir() if path.name != "made"} == before
+
+
+def test_a_set_without_undefined_hands_has_no_share_of_them(tmp_path: Path) -> None:
+    table = figures()[3]
+    table["rules"]["robust"] |= {"accepted_undefined": None, "macro_f1": None}
+    kept(tmp_path, {3: table})
+    page = write_page(tmp_path).read_text(encoding="utf-8")
+    assert "1.23 % by the published rules, – %" in page
 
 
 @pytest.mark.parametrize("damaged", [figures_file, run_file])
@@ -124,7 +160,9 @@ def figures() -> dict[int, Any]:
         for cm in PAPER_TABLE_5
     ]
     return {
-        3: gestures_json({"published": rules, "robust": rules}, {}, [], cross_validated=False, views=None),
+        3: gestures_json(
+            {"published": rules, "robust": rules}, {}, [], cross_validated=False, views=None, prepare="none"
+        ),
         4: msgspec.to_builtins(speed),
         5: Table5(hands=1, focal_px=650.0, rows=rows, tilts=(), walk={"robust": walk}).as_json(),
         6: {"changes": 20, "table_6": changes},

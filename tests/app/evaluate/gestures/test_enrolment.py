@@ -24,6 +24,7 @@ def test_an_enrolment_finds_what_the_hand_can_do() -> None:
     bent = enrolled(K.TWO_FINGERS)
     assert not {G.THREE, G.FOUR, G.FIVE, G.SIX, G.LOVE, G.ROCK} & set(bent.vocabulary)
     assert set(bent.vocabulary) >= {G.ZERO, G.ONE, G.TWO}
+    assert bent.recognised is not None
     assert bent.recognised > 0.8
     assert bent.unintended == 0
     assert bent.tried > 0, "a 3 without the ring finger is a 2"

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from app.cli.evaluate.gestures import fitted_beside
+from app.cli.evaluate.gestures import detected_images, fitted_beside
 from app.cli.tree import command
 from app.evaluate.gestures.corrections import shown_label
 from app.evaluate.gestures.images import classify_all, load_hands, published_classifier, save_hands
@@ -29,6 +29,7 @@ from app.system.errors import AppError
 from app.text.catalogue import render
 from kgdfa.gesture import Decision, Explanation, Gesture, Verdict
 from logs.reason import reason
+from tests.app.evaluate.test_full_disk import full_disk
 from tests.kgdfa.hands import STATES, drawn_hand
 
 WHY = Explanation(Decision.NO_GESTURE)
@@ -81,8 +82,9 @@ def test_the_report_has_the_shape_that_is_promised() -> None:
     detected = [DetectedImage(image=one.image, hands=()) for one in some] + [
         DetectedImage(image=LabelledImage(path="x.jpg", label="1"), hands=(), error=UNREADABLE)
     ]
-    report = as_json({"published": measure(some)}, {}, detected, cross_validated=True, views=1)
+    report = as_json({"published": measure(some)}, {}, detected, cross_validated=True, views=1, prepare="denoise")
     assert (report["images"], report["cross_validated"], report["views"]) == (13, True, 1)
+    assert report["prepare"] == "denoise"
     rules = report["rules"]["published"]
     assert rules["macro_f1"] == rules["map"] == 1.0
     assert set(rules["per_gesture"]) == set(PAPER_TABLE_3)
@@ -176,7 +178,7 @@ def test_keypoints_survive_their_file(tmp_path: Path) -> None:
         for hand, own in zip(one.hands, before.hands, strict=True):
             np.testing.assert_allclose(hand.image_px, own.image_px, rtol=1e-6)
     with np.load(tmp_path / "looks.npz") as stored:  # as files of 0.1 are
-        old = {name: stored[name] for name in stored.files if name != "images"}
+        old = {name: stored[name] for name in stored.files if name not in ("images", "prepare")}
         old["photos"] = np.where(np.char.startswith(stored["images"], "{"), "no picture", stored["images"])
     np.savez_compressed(tmp_path / "old.npz", **old)
     assert len(load_hands(tmp_path / "old.npz", [one.image for one in detected])) == len(detected)
@@ -194,17 +196,55 @@ def test_misclassified_images_are_drawn_and_the_matrix_is_plotted(tmp_path: Path
     mislabelled = [DetectedImage(image=LabelledImage(path="1.png", label="2"), hands=detected[1].hands)]
     wrong = classify_all(mislabelled, published_classifier())
     assert write_errors(wrong, mislabelled, tmp_path, tmp_path / "errors") == 1
-    drawn = cv2.imread(str(tmp_path / "errors" / "2_as_1_1.png"))
+    drawn = cv2.imread(str(tmp_path / "errors" / "2_as_1_1.png.png"))
     assert drawn is not None
     assert len(np.unique(drawn.reshape(-1, 3), axis=0)) > 5
     plot_confusion({"published": measure(verdicts)}, tmp_path / "confusion.png")
     assert cv2.imread(str(tmp_path / "confusion.png")) is not None
 
 
+def test_every_misclassified_image_has_a_file_of_its_own(tmp_path: Path) -> None:
+    paths = ("a/1.png", "b/1.png", "b/1.jpg")
+    for folder in ("a", "b"):
+        (tmp_path / folder).mkdir()
+    for path in paths:
+        cv2.imwrite(str(tmp_path / path), np.zeros((1, 2000, 3), np.uint8))  # as thin as any that can be drawn larger
+    missed = [DetectedImage(image=LabelledImage(path=path, label="3"), hands=()) for path in paths]
+    assert write_errors(classify_all(missed, published_classifier()), missed, tmp_path, tmp_path / "errors") == 3
+    names = sorted(path.name for path in (tmp_path / "errors").iterdir())
+    assert names == ["3_as_none_a-1.png.png", "3_as_none_b-1.jpg.png", "3_as_none_b-1.png.png"]
+
+
+def labelled_folder(folder: Path, drawn: list[DetectedImage]) -> None:
+    lines = [",".join(msgspec.to_builtins(one.image).values()) for one in drawn]
+    (folder / "labels.csv").write_text("path,label,source,group\n" + "\n".join(lines) + "\n")
+
+
+def test_keypoints_of_another_preprocessing_are_refused(tmp_path: Path) -> None:
+    drawn, file = drawn_images(), tmp_path / "keypoints"
+    labelled_folder(tmp_path, drawn)
+    for kept, wanted in (("none", "denoise"), ("denoise", "none")):
+        save_hands(drawn, file, kept)
+        assert len(detected_images(tmp_path, file, None, kept)) == len(drawn)
+        with pytest.raises(AppError) as caught:
+            detected_images(tmp_path, file, None, wanted)
+        assert caught.value.code is EvaluateFault.KEYPOINTS_OF_OTHERS
+
+
+def test_keypoints_take_the_name_that_was_given_and_only_as_a_whole(tmp_path: Path) -> None:
+    file = tmp_path / "keypoints"
+    save_hands(drawn_images(), file)
+    before = file.read_bytes()
+    with full_disk(100), pytest.raises(AppError) as refused:
+        save_hands(drawn_images(), file)
+    assert refused.value.code is EvaluateFault.FILE_UNWRITABLE
+    assert [*tmp_path.iterdir()] == [file]
+    assert file.read_bytes() == before
+
+
 def test_a_fit_takes_the_keypoints_that_lie_in_a_further_folder(tmp_path: Path) -> None:
     drawn = drawn_images()
-    lines = [",".join(msgspec.to_builtins(one.image).values()) for one in drawn]
-    (tmp_path / "labels.csv").write_text("path,label,source,group\n" + "\n".join(lines) + "\n")
+    labelled_folder(tmp_path, drawn)
     save_hands(drawn, tmp_path / "keypoints.npz")
     again = fitted_beside(tmp_path, None, None)
     assert [one.image for one in again] == [one.image for one in drawn]

@@ -21,6 +21,7 @@ from kgdfa.hand import Hand, Side
 from kgdfa.preprocess import Image
 from kgdfa.redetection import SOUGHT_PALM
 from kgdfa.views import FULL_VIEW, NEAR_VIEWS, REDETECTION_VIEWS
+from logs.reason import Reason
 from tests.kgdfa.hands import drawn_points
 
 
@@ -99,4 +100,6 @@ def test_only_readable_images_without_a_hand_are_taken(tmp_path: Path) -> None:
         cv2.imwrite(str(tmp_path / name), room(spot=False)[:20, :20])
     labels = {"room.png": "none:nohand", "hand.png": "5", "gone.png": "none:nohand"}
     images = [LabelledImage(path=path, label=label, source="s", group="g") for path, label in labels.items()]
-    assert len(images_without_hand(images, tmp_path)) == 1
+    unreadable: dict[str, Reason] = {}
+    assert len(images_without_hand(images, tmp_path, unreadable)) == 1
+    assert list(unreadable) == ["gone.png"]

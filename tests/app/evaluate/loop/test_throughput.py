@@ -1,34 +1,91 @@
-"""The frames that speed is measured over: of a recording, or of the digital hand."""
+"""Speed: the frames it is measured over, of a recording or of the digital hand, and which of them are counted."""
 
 from __future__ import annotations
 
 import os
 from pathlib import Path
+from types import SimpleNamespace, TracebackType
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
-from app.evaluate.loop.speed import frames_for_speed, worker_counts
+from app.evaluate.loop.speed import BARE, WARM_UP, WHOLE, frames_for_speed, measure_speed, worker_counts
 from app.system.errors import AppError
+from kgdfa.gesture import Gesture
+from kgdfa.hand import Hand
+from tests.kgdfa.hands import STATES, drawn_hand
 
 
 def test_without_a_recording_the_digital_hand_moves() -> None:
-    images, focal_px = frames_for_speed(None, 4)
+    images, focal_px, unreadable = frames_for_speed(None, 4)
+    assert not unreadable
     assert [image.shape for image in images] == [(720, 1280, 3)] * 4
     assert focal_px == 650.0
     assert (images[0] != images[3]).any()
 
 
+def recording(folder: Path, *, frames: int, missing: int = 0) -> None:
+    """As `distance` takes it, without labels; the last `missing` of its images are not there."""
+    lines = ["path,distance_cm,anchor_cm,fx,cx,cy"]
+    for number in range(frames):
+        if number < frames - missing:
+            cv2.imwrite(str(folder / f"{number}.png"), np.full((8, 10, 3), 10 * number, np.uint8))
+        lines.append(f"{number}.png,40,6.5,600,5,4")
+    (folder / "frames.csv").write_text("\n".join(lines))
+
+
 def test_a_recording_gives_its_first_frames_and_its_focal_length(tmp_path: Path) -> None:
-    lines = ["path,label,anchor_cm,fx"]
-    for number in range(3):
-        cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((8, 10, 3), 10 * number, np.uint8))
-        lines.append(f"{number}.png,5,6.5,600")
-    (tmp_path / "frames.csv").write_text("\n".join(lines))
-    images, focal_px = frames_for_speed(tmp_path, 2)
+    recording(tmp_path, frames=3)
+    images, focal_px, unreadable = frames_for_speed(tmp_path, 2)
     assert [int(image[0, 0, 0]) for image in images] == [0, 10]
-    assert focal_px == 600.0
+    assert (focal_px, unreadable) == (600.0, [])
+
+
+def test_frames_that_can_not_be_read_are_left_out_and_named(tmp_path: Path) -> None:
+    recording(tmp_path, frames=3, missing=1)
+    images, _, unreadable = frames_for_speed(tmp_path, 3)
+    assert (len(images), unreadable) == (2, [tmp_path / "2.png"])
+
+
+def test_a_recording_without_one_readable_frame_is_refused(tmp_path: Path) -> None:
+    recording(tmp_path, frames=2, missing=2)
+    with pytest.raises(AppError, match="IMAGE_UNREADABLE"):
+        frames_for_speed(tmp_path, 2)
+
+
+class Finder:
+    """A detector that finds one hand in every image."""
+
+    def __init__(self, *_: object) -> None:
+        self._hand = drawn_hand(STATES[Gesture.FIVE])
+
+    def __enter__(self) -> Finder:
+        return self
+
+    def __exit__(self, _kind: type | None, _error: BaseException | None, _trace: TracebackType | None) -> None:
+        """Nothing is held."""
+
+    def detect(self, _image: Any, _captured_ns: int = 0) -> tuple[Hand, ...]:
+        return (self._hand,)
+
+    def infer(self, _image: Any, _captured_ns: int = 0) -> SimpleNamespace:
+        return SimpleNamespace(hand_landmarks=[self._hand])
+
+    def follow(self, _hand: Hand | None, _unknown: bool, _sought: object) -> None:
+        """There is one only."""
+
+
+@pytest.mark.parametrize("frames", [3, WARM_UP, WARM_UP + 2])
+def test_frames_to_warm_up_count_in_no_figure(frames: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("kgdfa.keypoints.HandDetector", Finder)
+    monkeypatch.setattr("kgdfa.keypoints.live_detector", Finder)
+    monkeypatch.setattr("app.evaluate.loop.speed.bundle_sizes", lambda _: {})
+    monkeypatch.setattr("app.evaluate.loop.speed.gc_freeze", lambda: None)
+    figures = measure_speed([np.zeros((72, 128, 3), np.uint8)] * frames, Path(), focal_px=600.0)
+    assert (figures.frames, figures.hands) == (frames, frames)
+    assert [figures.detectors[name].hands for name in (WHOLE, BARE)] == [frames, frames]
 
 
 def test_a_recording_that_is_not_there_is_named(tmp_path: Path) -> None:

@@ -1,0 +1,123 @@
+"""Images that can't be used are named, and stand in no share that they would flatter; a share of nothing is none."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import msgspec
+import numpy as np
+import pytest
+from PIL import Image
+
+from app.cli.evaluate.common import show_unreadable
+from app.evaluate.distance.frames import figures as distance_figures
+from app.evaluate.gestures.ablation import measure_preparations, photos, preparation_table
+from app.evaluate.gestures.images import classify_all, published_classifier
+from app.evaluate.gestures.measures import measure, measure_sequence
+from app.evaluate.gestures.report import kinds_shown, sequence_table, shown
+from app.evaluate.gestures.side import SideFigures, measure_looks, measure_photos
+from app.evaluate.harness import EvaluateFault
+from app.evaluate.readings import DetectedImage, LabelledImage, read_image
+from kgdfa.gesture import Gesture
+from kgdfa.hand import Hand
+from logs.reason import Reason, reason
+from tests.kgdfa.hands import STATES, drawn_hand
+
+FIVE = drawn_hand(STATES[Gesture.FIVE])
+UNREADABLE = reason(EvaluateFault.IMAGE_UNREADABLE, file="x.png")
+GUN = DetectedImage(image=LabelledImage(path="x.png", label="none:gun", source="s"), hands=(FIVE,))
+LOST = replace(GUN, hands=(), error=UNREADABLE)
+
+
+class Blind:
+    """A detector that finds nothing."""
+
+    def detect(self, _image: Any, _captured_ns: int = 0) -> tuple[Hand, ...]:
+        return ()
+
+    def reset(self, _captured_ns: int) -> None:
+        """It remembers nothing."""
+
+
+@pytest.fixture
+def listed(tmp_path: Path) -> list[LabelledImage]:
+    """One that can be read, one whose numbers no detector takes, and one that isn't there."""
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((40, 40, 3), np.uint8))
+    Image.fromarray(np.zeros((40, 40), np.float32)).save(tmp_path / "float.tiff")
+    return [LabelledImage(path=path, label="3") for path in ("a.png", "float.tiff", "gone.png")]
+
+
+CODES = {"float.tiff": "KgdfaFault.IMAGE_NUMBERS", "gone.png": "EvaluateFault.IMAGE_UNREADABLE"}
+
+
+def codes(unreadable: dict[str, Reason]) -> dict[str, str]:
+    return {path: why.code for path, why in unreadable.items()}
+
+
+def test_an_image_is_read_or_why_not(listed: list[LabelledImage], tmp_path: Path) -> None:
+    image, *others = (read_image(one, tmp_path) for one in listed)
+    assert isinstance(image, np.ndarray)
+    assert [one.code for one in others if isinstance(one, Reason)] == list(CODES.values())
+
+
+def test_the_side_of_a_hand_counts_those_that_can_be_read_and_names_the_others(
+    listed: list[LabelledImage], tmp_path: Path
+) -> None:
+    blind: Any = Blind()
+    figures = measure_photos(blind, listed, tmp_path, lambda: None)
+    assert (figures.images, figures.without, codes(figures.unreadable)) == (1, 1, CODES)
+    stored = measure_looks([replace(LOST, image=replace(LOST.image, label="5")), LOST])
+    assert stored.unreadable == {"x.png": UNREADABLE}, "undefined hands are not asked for"
+
+
+def test_preparations_are_measured_on_those_that_can_be_read_and_the_others_are_named(
+    listed: list[LabelledImage], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    unreadable: dict[str, Reason] = {}
+    (first, *_) = measured = measure_preparations(photos(listed, tmp_path, unreadable), Blind())
+    assert (first.images, first.found, first.accepted_undefined) == (1, 0.0, None)
+    assert codes(unreadable) == CODES
+    cells = [next(iter(column.cells)) for column in preparation_table(measured[:1], {"none": 1.0}).columns]
+    assert cells[-4:] == ["0.0%", "0.0%", "–", "1.0"]
+    show_unreadable(unreadable)
+    assert capsys.readouterr().out.splitlines()[0] == "2 images could not be read and are left out:"
+
+
+def test_an_undefined_hand_that_can_not_be_read_was_not_refused() -> None:
+    figures = measure(classify_all([GUN, LOST], published_classifier()))
+    assert figures.accepted_undefined == 1.0
+    assert figures.per_kind == {"none:gun": (1.0, 1)}
+    assert figures.per_source["s"].accepted_undefined == 1.0
+    gesture = replace(LOST, image=replace(LOST.image, label="5"))
+    assert measure(classify_all([gesture], published_classifier())).per_gesture["5"].re == 0.0
+
+
+def test_shares_of_nothing_are_none_and_shown_as_a_dash() -> None:
+    five = replace(GUN, image=replace(GUN.image, label="5"))
+    without_undefined = measure(classify_all([five], published_classifier()))
+    assert (without_undefined.accepted_undefined, without_undefined.wrong_gesture) == (None, 0.0)
+    assert without_undefined.per_source["s"].accepted_undefined is None
+    summary = [*shown("published", without_undefined, 1)][1]
+    assert "undefined accepted –, gestures taken for another 0.00%" in str(summary)
+    assert "–" in str([*kinds_shown(without_undefined)][1])
+    without_gestures = measure(classify_all([GUN], published_classifier()))
+    assert (without_gestures.macro_f1, without_gestures.map, without_gestures.per_source["s"].right) == (None,) * 3
+    assert "macro-F1 – (paper 0.8953)" in str([*shown("published", without_gestures, 1)][1])
+    assert SideFigures().right is None
+
+
+def test_a_sequence_of_nothing_but_pauses_has_no_accuracy() -> None:
+    figures = measure_sequence(["skip"] * 3, ["none"] * 3, ["none"] * 3)
+    assert (figures.frame_accuracy, figures.voted_accuracy) == (None, None)
+    cells = [*sequence_table(Path("x"), {"robust": figures}).columns[1].cells]
+    assert cells[:3] == ["3", "–", "–"]
+
+
+def test_distances_of_which_none_was_measured_have_no_shares() -> None:
+    nothing = distance_figures(np.ones(2), np.full(2, np.nan), np.full(2, np.nan))
+    assert nothing.cells() == ("2", "2", *("–",) * 6)
+    written = msgspec.json.decode(msgspec.json.encode(nothing.as_json()))
+    assert written == dict.fromkeys(written, None) | {"missing": 2}
