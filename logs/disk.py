@@ -5,8 +5,12 @@ from __future__ import annotations
 import errno
 import fcntl
 import os
+import time
 from io import FileIO
 from pathlib import Path
+
+FLOOR_BYTES = 512 << 20  # of the disk stay free of recordings: a trail that can't be written stops the legs
+PROBE_S = 0.05  # longer than a reader's lock in `is_being_written`
 
 
 class Disk:
@@ -46,12 +50,18 @@ class Disk:
 
 
 def _locked(handle: int) -> int:
-    try:
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except OSError:
-        os.close(handle)
-        raise
-    return handle
+    """The handle with its lock; a reader that probes for a writer holds it for a moment, which is waited for."""
+    until_s = time.monotonic() + PROBE_S
+    while True:
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            if not isinstance(error, BlockingIOError) or time.monotonic() > until_s:
+                os.close(handle)
+                raise
+            time.sleep(PROBE_S / 50)
+        else:
+            return handle
 
 
 def append_line(file: FileIO, line: bytes) -> None:

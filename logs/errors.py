@@ -16,6 +16,7 @@ class AuditFault(Enum):
     TRAILS_NOT_JOINED = auto()  # first, second
     TRAILS_CONTRADICT = auto()  # first, second, why
     SITE_TWICE = auto()  # site
+    SITES_SHARE = auto()  # site, other
     SITE_MISSING = auto()  # site, path
     SITE_AMBIGUOUS = auto()  # site, path
     SITE_EMPTY = auto()  # site, path

@@ -22,7 +22,7 @@ class Status(Enum):
 
 
 class Verdict(Enum):
-    """Why a file has its status, beyond a line that breaks the chain (`logs.scan.Break`)."""
+    """Why a file has its status, beyond `logs.scan.Break` and `logs.journal.Misplaced`."""
 
     STILL_WRITTEN = auto()
     NOT_CLOSED = auto()
@@ -53,6 +53,7 @@ class Remark(Enum):
     EMPTY = auto()
     RECOVERED = auto()  # how
     NO_MIRROR = auto()
+    MIRROR_OF_OTHERS = auto()  # keys
     MIRROR_AGREES = auto()  # checkpoints
     NEWER_SCHEMA = auto()  # schema, known
     TEARS_EXPLAINED = auto()  # tears
@@ -92,7 +93,7 @@ STYLE = {
     Status.TAMPERED: "bold red",
     Status.UNREADABLE: "bold magenta",
 }
-_WARNINGS = {key_of(Remark.END_NOT_KNOWN), key_of(Remark.KEY_NOT_CHECKED)}
+_WARNINGS = {key_of(each) for each in (Remark.END_NOT_KNOWN, Remark.KEY_NOT_CHECKED, Remark.MIRROR_OF_OTHERS)}
 _BROKEN = (Status.INCOMPLETE, Status.TAMPERED)
 
 

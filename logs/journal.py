@@ -14,6 +14,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import Enum, auto
+from functools import partial
 from hashlib import sha256
 from pathlib import Path
 
@@ -23,10 +24,10 @@ from logs.disk import Disk
 from logs.errors import AuditError, AuditFault
 from logs.keys import Anchor, ConsoleKey, by_fingerprint, read_anchors, write_anchor
 from logs.line import GENESIS, MAX_LINE, SIGNED_KINDS, unseal
-from logs.reading.errors import cause_of
+from logs.reading.errors import UNDECODABLE, cause_of
 from logs.reading.regular import open_regular
 from logs.reason import Reason, reason
-from logs.records import Body, Checkpoint, Entry, LogRecovered
+from logs.records import Body, Checkpoint, Entry, LogRecovered, decode_record
 from logs.scan import Scan, scan_file
 from logs.trail import Chain, DiskFault, Trail, open_logger
 
@@ -34,7 +35,8 @@ MANIFEST = "manifest.jsonl"
 OPERATORS = "operators.jsonl"  # sign-ins and sign-outs outside of sessions
 CHANGES = "changes.jsonl"  # of patients, calibrations, configuration, operators, joints
 COMMENTS = ".comments.jsonl"  # behind the name of a session
-_PART = r"(?:-(?:[2-9]|[1-9][0-9]{1,5}))?"
+_NUMBER = r"(?:[2-9]|[1-9][0-9]{1,5})"
+_PART = rf"(?:-{_NUMBER})?"
 _JOURNAL = re.compile(rf"(?:manifest|operators|changes|.+\.comments){_PART}\.jsonl")
 
 
@@ -46,6 +48,13 @@ class Found(Enum):
     TORN = auto()  # records, size_bytes
     DAMAGED = auto()  # line, why
     CUT = auto()  # remembered, found
+
+
+class Misplaced(Enum):
+    """Why a journal is not the one that its name says."""
+
+    PART_ADDED = auto()  # former
+    COMMENTS_OF_OTHER = auto()  # session
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,6 +81,12 @@ def is_journal(path: Path) -> bool:
     return _JOURNAL.fullmatch(path.name) is not None
 
 
+def parted(stem: str) -> tuple[str, int]:
+    """The stem of a trail's first part, and which part this one is, from 1."""
+    found = re.fullmatch(rf"(.+)-({_NUMBER})", stem, re.DOTALL)
+    return (stem, 1) if found is None else (found[1], int(found[2]))
+
+
 def parts_of(path: Path) -> list[Path]:
     """A journal's parts that are there, oldest first."""
     return sorted(
@@ -85,6 +100,33 @@ def part_is_cut(path: Path, anchor: Anchor) -> bool:
     with open_regular(path) as file:
         lines = iter(lambda: file.readline(MAX_LINE), b"")
         return not any((parts := unseal(line)) and parts[1] == anchor.hash == _digest(parts[0]) for line in lines)
+
+
+def misplaced(path: Path, scan: Scan) -> Reason | None:
+    """Why a sound journal can't have its name: it is a copy of another session's comments, or of another part."""
+    stem, number = parted(path.stem)
+    session = stem.removesuffix(".comments")
+    # The records of a session's further files have the session's own name.
+    names = {f"comments {name}" for name in (session, parted(session)[0])}
+    if session != stem and scan.records and scan.session not in names:
+        return reason(Misplaced.COMMENTS_OF_OTHER, session=scan.session.removeprefix("comments "))
+    if number == 1 or (begin := first_body(path)) is None:
+        return None
+    former = f"{stem}.jsonl" if number == 2 else f"{stem}-{number - 1}.jsonl"
+    # Its own name: the first record was torn.
+    if isinstance(begin, LogRecovered) and begin.file in (former, path.name):
+        return None
+    return reason(Misplaced.PART_ADDED, former=former)
+
+
+def first_body(path: Path) -> Body | None:
+    """Of the first whole line; None where there is none, or of another version."""
+    with open_regular(path) as file:
+        lines = iter(partial(file.readline, MAX_LINE), b"")
+        try:
+            return next((decode_record(line).body for line in lines if unseal(line) is not None), None)
+        except UNDECODABLE:
+            return None
 
 
 def _digest(content: bytes) -> str:

@@ -24,6 +24,7 @@ from logs.scan import Head, head_of
 MAX_COPY = 256 << 20  # bytes of a mirror of checkpoints
 
 SYSLOG = "syslog"
+SYSLOG_SOCKET = "/dev/log"
 SUFFIX = ".checkpoints"
 _WAITING = 1000  # checkpoints; hours of a session
 
@@ -99,8 +100,15 @@ def _last_byte(path: Path) -> bytes:
         return file.read(1)
 
 
+class _SyslogHandler(SysLogHandler):
+    """Lets an error out: the library's own prints it and goes on."""
+
+    def handleError(self, record: logging.LogRecord) -> None:  # noqa: ARG002, N802
+        raise  # noqa: PLE0704 - the one that `emit` has caught
+
+
 def _to_syslog(file: str, line: bytes) -> None:
-    handler = SysLogHandler("/dev/log")
+    handler = _SyslogHandler(SYSLOG_SOCKET)
     try:
         handler.ident = "rleex: "
         text = f"{file} {line.decode().strip()}"

@@ -8,10 +8,12 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from decimal import Decimal
 from functools import partial
+from glob import escape
 from itertools import count
+from os.path import realpath
 from pathlib import Path
 from typing import Any
 
@@ -107,11 +109,11 @@ def connect(paths: Sequence[Path], kind: str = "VIEW") -> duckdb.DuckDBPyConnect
 
     Raises AuditError when there is nothing to read.
     """
-    parquet = [path for path in paths if path.suffix == ".parquet"]
+    parquet = _once(path for path in paths if path.suffix == ".parquet")
     for path in parquet:
         check_regular(path)
-    kinds = {True: parquet, False: [*_trails([path for path in paths if path not in parquet])]}
-    sources = [source_sql([*map(str, files)], is_parquet=is_parquet) for is_parquet, files in kinds.items() if files]
+    kinds = {True: parquet, False: _trails([path for path in paths if path.suffix != ".parquet"])}
+    sources = [source_sql(files, is_parquet=is_parquet) for is_parquet, files in kinds.items() if files]
     if not sources:
         raise AuditError(AuditFault.NO_TRAILS, places=", ".join(map(str, paths)))
     connection = open_limited()
@@ -131,9 +133,9 @@ def connect_locked(paths: Sequence[Path]) -> duckdb.DuckDBPyConnection:
     return connection
 
 
-def source_sql(files: Sequence[str], *, is_parquet: bool) -> str:
+def source_sql(files: Sequence[Path], *, is_parquet: bool) -> str:
     """The table over files of one kind, as a SELECT."""
-    listed = ", ".join(map(quoted, files))
+    listed = ", ".join(map(quoted_file, files))
     return f"SELECT * FROM read_parquet([{listed}])" if is_parquet else _trails_sql(listed)
 
 
@@ -268,17 +270,25 @@ def quoted(text: str) -> str:
     return "'" + text.replace("'", "''") + "'"
 
 
+def quoted_file(path: Path) -> str:
+    """As DuckDB opens it: to it a path is a pattern, whose [1] would be another folder's 1."""
+    return quoted(escape(str(path)))
+
+
 def first_line(error: BaseException) -> str:
     return (str(error).strip().splitlines() or [type(error).__name__])[0]
 
 
 def _trails(paths: Sequence[Path]) -> list[Path]:
-    found: list[Path] = []
-    for path in paths:
-        found += session_paths(path) if path.is_dir() else [path]
+    found = _once(file for path in paths for file in (session_paths(path) if path.is_dir() else [path]))
     for path in found:
         check_regular(path)
     return [path for path in found if path.stat().st_size]
+
+
+def _once(paths: Iterable[Path]) -> list[Path]:
+    """Each file once, however often and by whatever path it is named: its records would count twice."""
+    return list({realpath(path): path for path in paths}.values())
 
 
 def check_regular(path: Path) -> None:

@@ -12,6 +12,7 @@ from pathlib import Path
 import msgspec
 
 from logs.errors import AuditError, AuditFault
+from logs.journal import parted
 from logs.line import MAX_LINE
 from logs.reading.errors import UNDECODABLE, cause_of
 from logs.reading.regular import open_regular
@@ -75,8 +76,9 @@ def follow(path: Path, is_over: Callable[[], bool], pause_s: float = 0.2) -> Ite
 
 
 def session_paths(folder: Path) -> list[Path]:
-    """The sessions of a folder, oldest first."""
-    return [path for path in sorted(folder.glob("*.jsonl")) if is_session(path) and path.is_file()]
+    """The sessions of a folder, oldest first; one that goes on in further files in their order."""
+    paths = sorted(folder.glob("*.jsonl"), key=lambda path: parted(path.stem))
+    return [path for path in paths if is_session(path) and path.is_file()]
 
 
 def patient_of(path: Path) -> str:

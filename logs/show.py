@@ -163,7 +163,7 @@ class RecordSelector:
         wanted = self._wanted
         return (
             (not wanted.since or record.wall >= wanted.since)
-            and (not wanted.until or record.wall <= wanted.until)
+            and (not wanted.until or record.wall[: len(wanted.until)] <= wanted.until)
             and _begins(self._patient, wanted.patient)
             and _begins(record.operator, wanted.operator)
             and (not wanted.kinds or kind_of(record.body) in wanted.kinds)

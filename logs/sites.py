@@ -11,13 +11,15 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
+from itertools import combinations
+from os.path import realpath
 from pathlib import Path
 
 import duckdb
 
 from logs.errors import AuditError, AuditFault
 from logs.findings import Finding, Status
-from logs.query import AS_EXPORTED, QUESTIONS, check_regular, first_line, open_limited, quoted, source_sql
+from logs.query import AS_EXPORTED, QUESTIONS, check_regular, first_line, open_limited, quoted, quoted_file, source_sql
 from logs.read import session_paths
 from logs.reason import Reason, reason
 from logs.records import SCHEMA
@@ -47,12 +49,13 @@ class Site:
 
 
 def find_sites(texts: Sequence[str]) -> list[Site]:
-    """The sites of PATH or NAME=PATH each. Raises AuditError for one that is not there, is empty or named twice."""
+    """The sites of PATH or NAME=PATH each. Raises AuditError for one that is missing, empty or named twice."""
     sites = [_find(text) for text in texts]
-    names = [site.name for site in sites]
-    twice = next((name for name in names if names.count(name) > 1), None)
-    if twice is not None:
-        raise AuditError(AuditFault.SITE_TWICE, site=twice)
+    for first, second in combinations(sites, 2):
+        if first.name == second.name:
+            raise AuditError(AuditFault.SITE_TWICE, site=first.name)
+        if {realpath(file) for file in first.files} & {realpath(file) for file in second.files}:
+            raise AuditError(AuditFault.SITES_SHARE, site=first.name, other=second.name)
     return sites
 
 
@@ -60,7 +63,9 @@ def _find(text: str) -> Site:
     named = None if Path(text).exists() else _NAMED.fullmatch(text)
     path = Path(named["path"] if named else text)
     place = path / "logs" if (path / "logs").is_dir() else path
-    name = named["name"] if named else (path.resolve().parent if path.name == "logs" else path.resolve()).stem
+    root = Path(realpath(path))  # not `resolve`: links that go in a circle are a missing site
+    root = root.parent if path.name == "logs" else root
+    name = named["name"] if named else root.name if root.is_dir() else root.stem
     if not place.exists():
         raise AuditError(AuditFault.SITE_MISSING, site=name, path=path)
     trails = session_paths(place) if place.is_dir() else [place][: place.suffix == ".jsonl"]
@@ -104,7 +109,7 @@ def _check_finding(site: Site, finding: Finding) -> None:
 
 def _check_export(site: Site, path: Path) -> None:
     """Its columns, and the newest schema in it; from the file's statistics, not from its rows."""
-    source = f"read_parquet([{quoted(str(path))}])"
+    source = f"read_parquet([{quoted_file(path)}])"
     try:
         connection = open_limited()
         columns = {row[0] for row in connection.execute(f"DESCRIBE SELECT * FROM {source}").fetchall()}
@@ -136,7 +141,9 @@ SITE_QUESTIONS: dict[str, str] = QUESTIONS | {
 def connect_sites(sites: Sequence[Site]) -> duckdb.DuckDBPyConnection:
     """A locked database over the sites' files. Raises AuditError when one can't be read."""
     connection = open_limited()
-    allowed = ", ".join(quoted(str(file)) for site in sites for file in site.files)
+    # The files, and the patterns by which the view opens them.
+    files = [file for site in sites for file in site.files]
+    allowed = ", ".join((*(quoted(str(file)) for file in files), *map(quoted_file, files)))
     try:
         connection.execute(f"CREATE VIEW records AS {' UNION ALL BY NAME '.join(map(_rows_of, sites))}")
         for lock in (
@@ -151,5 +158,5 @@ def connect_sites(sites: Sequence[Site]) -> duckdb.DuckDBPyConnection:
 
 
 def _rows_of(site: Site) -> str:
-    source = source_sql([str(file) for file in site.files], is_parquet=site.is_parquet)
+    source = source_sql(site.files, is_parquet=site.is_parquet)
     return f"SELECT {quoted(site.name)} AS site, * FROM ({source})"

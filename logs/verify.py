@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from logs.disk import is_being_written
 from logs.findings import Finding, Remark, Status, Verdict
-from logs.journal import MANIFEST, is_journal, part_is_cut
+from logs.journal import MANIFEST, first_body, is_journal, misplaced, part_is_cut
 from logs.keys import Anchor, PublicKey
-from logs.line import GENESIS, MAX_LINE
+from logs.line import GENESIS
 from logs.manifest import Listing, manifest_paths, read_listings
 from logs.mirror import SUFFIX, copied, copied_files, differing
-from logs.reading.errors import UNDECODABLE, cause_of
+from logs.reading.errors import cause_of
 from logs.reading.regular import open_regular
 from logs.reason import Reason, reason
-from logs.records import SCHEMA, LogClosed, LogRecovered, SessionStart, decode_record
+from logs.records import SCHEMA, LogClosed, LogRecovered, SessionStart
 from logs.scan import Progress, Scan, scan_file
 
 __all__ = ["Evidence", "Finding", "Status", "exit_status", "is_session", "verify"]
@@ -70,7 +70,8 @@ def assess(path: Path, scan: Scan, evidence: Evidence, *, running: bool) -> Find
     if _is_foreign(path, scan, evidence):
         return replace(finding, status=Status.UNREADABLE, reason=reason(Verdict.NOT_A_TRAIL))
     if scan.unknown_keys and evidence.keys:
-        return replace(finding, status=Status.TAMPERED, reason=reason(Verdict.KEY_NOT_KNOWN, keys=_keys(scan)))
+        unknown = reason(Verdict.KEY_NOT_KNOWN, keys=_keys(scan.unknown_keys))
+        return replace(finding, status=Status.TAMPERED, reason=unknown)
     if is_journal(path):
         return _assess_journal(finding, scan, evidence)
     return _assess_session(finding, scan, evidence, running=running)
@@ -92,6 +93,8 @@ def _assess_journal(finding: Finding, scan: Scan, evidence: Evidence) -> Finding
     if holds and anchor is not None and part_is_cut(finding.file, anchor):
         cut = reason(Verdict.JOURNAL_CUT, remembered=anchor.entries, found=scan.records)
         return _bad(finding, scan, Status.TAMPERED, cut)
+    if holds and (wrong := misplaced(finding.file, scan)) is not None:
+        return replace(finding, status=Status.TAMPERED, reason=wrong, line=1, sequence=0)
     if anchor is None:
         finding = replace(finding, remarks=(*finding.remarks, reason(Remark.END_NOT_KNOWN)))
     if scan.fault is None and (scan.proven == scan.records or not evidence.keys):
@@ -164,13 +167,7 @@ def _against_recovery(finding: Finding, scan: Scan, end: LogRecovered) -> Findin
 
 def _wrong_history(path: Path, scan: Scan, listing: Listing) -> Reason | None:
     """The first record names the newest entry that the manifest had: it must still be there."""
-    if scan.records == 0:
-        return None
-    with open_regular(path) as file:
-        try:
-            body = decode_record(file.readline(MAX_LINE)).body
-        except UNDECODABLE:
-            return None  # of another version: only the chain is checked
+    body = first_body(path) if scan.records else None
     if not isinstance(body, SessionStart) or body.history_hash in ("", GENESIS):
         return None
     if body.history_hash in listing.hashes:
@@ -195,12 +192,12 @@ def _remarks(scan: Scan, evidence: Evidence) -> tuple[Reason, ...]:
     if scan.explained_tears:
         remarks.append(reason(Remark.TEARS_EXPLAINED, tears=scan.explained_tears))
     if scan.unknown_keys and not evidence.keys:
-        remarks.append(reason(Remark.KEY_NOT_CHECKED, keys=_keys(scan)))
+        remarks.append(reason(Remark.KEY_NOT_CHECKED, keys=_keys(scan.unknown_keys)))
     return tuple(remarks)
 
 
-def _keys(scan: Scan) -> str:
-    return ", ".join(sorted(key[:12] if key.isalnum() else "?" for key in scan.unknown_keys))
+def _keys(keys: Iterable[str]) -> str:
+    return ", ".join(sorted(key[:12] if key.isalnum() else "?" for key in keys))
 
 
 def verify(paths: Sequence[Path], evidence: Evidence, progress: Progress | None = None) -> list[Finding]:
@@ -225,7 +222,12 @@ def _verify_folder(folder: Path, evidence: Evidence, progress: Progress | None) 
     named = dict.fromkeys(copied_files(evidence.copies, own), Verdict.MISSING_BY_MIRROR)
     named |= dict.fromkeys(evidence.anchors, Verdict.MISSING_BY_ANCHOR)
     named |= dict.fromkeys(listing.opened, Verdict.MISSING_BY_MANIFEST)
-    return findings + [
+    return findings + _missing(folder, named)
+
+
+def _missing(folder: Path, named: Mapping[str, Verdict]) -> list[Finding]:
+    """The files that are not there, each with what names it."""
+    return [
         Finding(file=folder / name, status=Status.TAMPERED, reason=reason(witness))
         for name, witness in sorted(named.items())
         if not (folder / name).exists()
@@ -233,12 +235,9 @@ def _verify_folder(folder: Path, evidence: Evidence, progress: Progress | None) 
 
 
 def _no_manifest(folder: Path, files: list[Path], evidence: Evidence) -> list[Finding]:
-    gone = [
-        Finding(file=folder / name, status=Status.TAMPERED, reason=reason(Verdict.MISSING_BY_ANCHOR))
-        for name in sorted(evidence.anchors)
-        if not (folder / name).exists()
-    ]
-    if gone:
+    named = dict.fromkeys(copied_files(evidence.copies, evidence.keys), Verdict.MISSING_BY_MIRROR)
+    named |= dict.fromkeys(evidence.anchors, Verdict.MISSING_BY_ANCHOR)
+    if gone := _missing(folder, named):
         return gone
     if not all(is_journal(path) for path in files):
         path = folder / MANIFEST
@@ -269,7 +268,7 @@ def _scan_and_assess(path: Path, evidence: Evidence, progress: Progress | None) 
     scan = scan_file(path, evidence.keys, progress)
     finding = assess(path, scan, evidence, running=running)
     if evidence.copies is not None:
-        finding = _with_copies(finding, _own_copies(copies, scan, evidence))
+        finding = _with_copies(finding, copies, _writers(copies, finding, scan, evidence))
     return finding, not running and path.stat().st_size == scan.size
 
 
@@ -284,28 +283,32 @@ def _copies_of(path: Path, evidence: Evidence) -> dict[str, dict[int, str]]:
     return {} if copy is None or not copy.exists() else copied(copy)
 
 
-def _own_copies(copies: Mapping[str, Mapping[int, str]], scan: Scan, evidence: Evidence) -> dict[int, str]:
-    """Those by the keys that sign in this file: another computer's trail may have its name.
+def _writers(copies: Mapping[str, object], finding: Finding, scan: Scan, evidence: Evidence) -> set[str]:
+    """The keys whose copies this file must agree with: another computer's trail may have its name.
 
-    By all known keys where it has no signature, and by any where no key is known: a file rewritten without signatures,
-    or with those of a new key, must not agree with the mirror.
+    Those that sign in it, or in its folder's manifest where it has no signature. Who rewrites a file signs with another
+    key or none: without copies by those keys it must agree with the copies by all known keys, or by any where none is
+    known. But a trail that has no signature yet may be another computer's than the copies.
     """
-    own = scan.signers & copies.keys()
-    if not own and not evidence.keys:
-        own = {*copies}
-    elif not scan.signers:
-        own = copies.keys() & evidence.keys
-    return {sequence: digest for key in own for sequence, digest in copies[key].items()}
+    own = (scan.signers or evidence.listing(finding.file.parent).signers) & copies.keys()
+    if own:
+        return own
+    keys = (evidence.keys or copies).keys()
+    known = keys & copies.keys()
+    may_be_others = not scan.signers and finding.status is not Status.SOUND and known != keys
+    return set() if may_be_others else known
 
 
-def _with_copies(finding: Finding, copies: Mapping[int, str]) -> Finding:
-    if not copies:
-        return replace(finding, remarks=(*finding.remarks, reason(Remark.NO_MIRROR)))
-    wrong = next((number for number in sorted(copies) if number >= finding.records), None)
+def _with_copies(finding: Finding, copies: Mapping[str, Mapping[int, str]], writers: set[str]) -> Finding:
+    if not writers:
+        remark = reason(Remark.MIRROR_OF_OTHERS, keys=_keys(copies)) if copies else reason(Remark.NO_MIRROR)
+        return replace(finding, remarks=(*finding.remarks, remark))
+    expected = {sequence: digest for key in writers for sequence, digest in copies[key].items()}
+    wrong = next((number for number in sorted(expected) if number >= finding.records), None)
     if wrong is None:
-        wrong = differing(finding.file, copies)
+        wrong = differing(finding.file, expected)
     if wrong is None:
-        remark = reason(Remark.MIRROR_AGREES, checkpoints=len(copies))
+        remark = reason(Remark.MIRROR_AGREES, checkpoints=len(expected))
         return replace(finding, remarks=(*finding.remarks, remark))
     why = reason(Verdict.CHECKPOINT_MISSING, checkpoint=wrong)
     return replace(finding, status=Status.TAMPERED, reason=why, sequence=wrong, line=wrong + 1)

@@ -259,7 +259,7 @@ def start_record(setup: SessionSetup) -> SessionStart:
 
 def _versions(setup: SessionSetup) -> dict[str, str]:
     found = program_identity() | {name: version(name) for name in LIBRARIES}
-    model = Path(setup.config.model) if setup.config.model else Home(setup.home).models / MODEL_NAME
+    model = Path(setup.config.model).expanduser() if setup.config.model else Home(setup.home).models / MODEL_NAME
     if model.is_file():
         found["hand model, SHA-256"] = sha256(model.read_bytes()).hexdigest()
     return found | {"python": platform.python_version(), "system": platform.platform()}

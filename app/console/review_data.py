@@ -15,13 +15,15 @@ from pathlib import Path
 
 from app.system.authority import Authority
 from app.system.operators import Permission
+from logs import comments
 from logs.errors import AuditError, AuditFault
-from logs.journal import COMMENTS, Moment, append_signed, parts_of
+from logs.journal import Moment, append_signed
 from logs.keys import load_or_make_key
 from logs.line import MAX_LINE
-from logs.read import UnreadableLine, records, understand
+from logs.read import UnreadableLine, understand
 from logs.reading.errors import cause_of
 from logs.reading.regular import open_regular
+from logs.reason import Reason
 from logs.records import (
     Acknowledgement,
     Body,
@@ -40,6 +42,7 @@ from logs.records import (
     Stop,
     Transition,
 )
+from logs.verify import Evidence
 
 MAX_SESSION = 1 << 30  # bytes of a trail that is shown whole
 
@@ -250,18 +253,19 @@ def _label(spans: list[Span], at_s: float) -> str:
     return spans[place].label
 
 
-def comments_path(session: Path) -> Path:
-    """Where the comments on a session are kept."""
-    return session.with_name(session.stem + COMMENTS)
+def comments_on(session: ReviewedSession, evidence: Evidence) -> tuple[dict[int, list[Comment]], tuple[Reason, ...]]:
+    """The comments by the record that they are about, and why others are not shown. Raises AuditError."""
 
+    def hash_of(sequence: int) -> str | None:
+        record = session.record(sequence) if 0 <= sequence < len(session) else None
+        return record.hash if isinstance(record, Record) and record.sequence == sequence else None
 
-def comments_on(session: Path) -> dict[int, list[Comment]]:
-    """The comments on a session by the record that they are about. Raises AuditError when they can't be read."""
+    on = comments.comments_on(session.path, evidence, hash_of)
     found: dict[int, list[Comment]] = {}
-    for record in (one for part in parts_of(comments_path(session)) for one in records(part)):
+    for record in on.records:
         if isinstance(record.body, Comment):
             found.setdefault(record.body.about_sequence, []).append(record.body)
-    return found
+    return found, on.hidden
 
 
 def write_comment(by: Authority, session: Path, about: Record, text: str) -> None:
@@ -270,4 +274,4 @@ def write_comment(by: Authority, session: Path, about: Record, text: str) -> Non
     now = Moment(wall_ns=time.time_ns(), monotonic_ns=time.monotonic_ns(), operator=by.name)
     key = load_or_make_key(by.home.keys)
     comment = Comment(about_sequence=about.sequence, about_hash=about.hash, text=text, key=key.public.fingerprint)
-    append_signed(comments_path(session), f"comments {about.session}", [comment], key, now)
+    append_signed(comments.comments_path(session), f"comments {about.session}", [comment], key, now)

@@ -27,6 +27,8 @@ _LEAST = {  # limits that the value must reach; others it may not exceed
     (r.Release, "safe_distance_m"),
     (r.Release, "held_ns"),
 }
+# Quantities with a limit on either side: of a value below its limit the limit was the lower one.
+_TWO_SIDED = {"angle_rad", "position", "stiffness", "damping", "request_age_ms"}
 _APPROACH = {"approached_m": "approach_limit_m"}  # a press alone asks for it
 _BUTTON = {
     "distance_m": None,
@@ -76,7 +78,7 @@ def checks_of(body: Body) -> tuple[Check, ...]:
             name=quantity or name if name == "value" else name,
             value=getattr(body, name),
             limit=(getattr(body, limit) or None) if limit in _LATER else getattr(body, limit) if limit else None,
-            least=(kind, name) in _LEAST,
+            least=(kind, name) in _LEAST or (name == "value" and _is_below(quantity, body)),
             source=getattr(body, _SOURCES.get(name, _NO_SOURCE)[0], ""),
             source_class=_SOURCES.get(name, _NO_SOURCE)[1],
             recorded=recorded,
@@ -84,3 +86,9 @@ def checks_of(body: Body) -> tuple[Check, ...]:
         for name, limit in pairs.items()
         if name != "value" or quantity
     )
+
+
+def _is_below(quantity: str, body: Body) -> bool:
+    """Whether the compared value lies below the lower one of a quantity's two limits."""
+    value, limit = getattr(body, "value", None), getattr(body, "limit", None)
+    return quantity in _TWO_SIDED and value is not None and limit is not None and value < limit

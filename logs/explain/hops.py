@@ -13,6 +13,7 @@ from logs.errors import AuditError, AuditFault
 from logs.explain.checks import Check, checks_of
 from logs.read import records
 from logs.records import Record
+from logs.show import EVENTS
 
 B = TypeVar("B")
 
@@ -212,8 +213,8 @@ class _Thread:
     def _stop(self, record: Record, body: r.Stop) -> Iterator[Step]:
         yield _step(Hop.SENT, body.sent_ns, record)
         yield _step(Hop.RECEIVED, body.seen_ns, record)
-        raised = self._first(r.EventRaised, lambda one: one.raised_ns == body.seen_ns)
-        if raised is not None and body.seen_ns:
+        raised = self._first(r.EventRaised, lambda one: _raises(body, one))
+        if raised is not None:
             yield _step(Hop.RAISED, body.seen_ns, raised)
         # Older trails hold the moment it was seen in both.
         yield _step(Hop.COMMANDED, body.command_ns if body.command_ns != body.seen_ns else 0, record)
@@ -255,7 +256,8 @@ def _recognised(onset: Record | None) -> Iterator[Step]:
 
 
 def _raises(stop: r.Stop, event: r.EventRaised) -> bool:
-    return event.event in ("stop", "stop-again") and stop.seen_ns == event.raised_ns != 0
+    names = ("voice-stop",) if stop.by == "voice" else ("stop", "stop-again")
+    return EVENTS.get(event.event, event.event) in names and stop.seen_ns == event.raised_ns != 0
 
 
 def _number(answer: Record | None) -> int:

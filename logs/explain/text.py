@@ -15,6 +15,13 @@ from logs.reason import Reason, Render, key_of, sanitize_terminal, text_of
 from logs.show import kind_of, record_text
 
 
+class Sent(Enum):
+    """How a STOP was given, where not by a key."""
+
+    VOICE = "voice"
+    TAKEOVER = "takeover"
+
+
 class HopNote(Enum):
     """What is added to the hops."""
 
@@ -46,10 +53,16 @@ def lines(explanation: Explanation, render: Render) -> Iterator[str]:
             before_ns = step.at_ns
         mark = "►" if step.record is about else " "
         reference = f" [#{step.record.sequence}]" if step.record is not None else ""
-        yield sanitize_terminal(f"{mark} {when}  {text_of(Reason(key_of(step.hop)), render)}{reference}")
+        yield sanitize_terminal(f"{mark} {when}  {text_of(Reason(_key_of_hop(step)), render)}{reference}")
         if step.record not in (None, about) and (step.checks or step.hop is Hop.RAISED):
             yield sanitize_terminal(f"      {record_text(step.record.body, render)}")
         yield from (sanitize_terminal(f"      {_text(check, render)}") for check in step.checks)
+
+
+def _key_of_hop(step: Step) -> str:
+    """The wording of a hop; that of a STOP's beginning is by how it was given."""
+    by = getattr(step.record.body, "by", "") if step.record is not None and step.hop is Hop.SENT else ""
+    return next((key_of(sent) for sent in Sent if sent.value == by), key_of(step.hop))
 
 
 # Quantities with a wording; the guard's are shown as they are recorded.

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import statistics
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -81,18 +82,28 @@ def events_of(timed: Timed, render: Render) -> tuple[ReportEvent, ...]:
         for record in timed.records
         if isinstance(record.body, r.Acknowledgement) and record.body.accepted
     ]
-    return tuple(_event(at_s, body, cleared, answers, render) for at_s, body in timed.of(r.EventRaised))
+    raised = timed.of(r.EventRaised)
+    found = ((at_s, body, _answer(at_s, body.event, raised, answers)) for at_s, body in raised)
+    return tuple(_event(at_s, body, cleared, answer, render) for at_s, body, answer in found)
+
+
+Answer = tuple[float, str, r.Acknowledgement]  # seconds, operator
+
+
+def _answer(at_s: float, event: str, raised: list[tuple[float, r.EventRaised]], answers: list[Answer]) -> Answer | None:
+    """What acknowledged the event before it was raised again. Older trails have it behind the event's end."""
+    again_s = next((when for when, other in raised if when > at_s and other.event == event), math.inf)
+    return next((one for one in answers if at_s <= one[0] < again_s and event in one[2].events), None)
 
 
 def _event(
     at_s: float,
     body: r.EventRaised,
     cleared: list[tuple[float, r.EventCleared]],
-    answers: list[tuple[float, str, r.Acknowledgement]],
+    answer: Answer | None,
     render: Render,
 ) -> ReportEvent:
     cleared_at = next((when for when, other in cleared if when >= at_s and other.event == body.event), None)
-    answer = next((a for a in answers if a[0] >= at_s and body.event in a[2].events), None)
     return ReportEvent(
         at_s=at_s,
         event=body.event,
@@ -142,9 +153,12 @@ class Spread:
     values_ms: tuple[float, ...]
 
     def share(self, quantile: float) -> float | None:
-        """The value below which that share lies; None where nothing was measured."""
-        ordered = sorted(self.values_ms)
-        return ordered[min(int(quantile * len(ordered)), len(ordered) - 1)] if ordered else None
+        """The value up to which that share lies; the mean of the middle two for a half. None: nothing was measured."""
+        if not self.values_ms:
+            return None
+        if quantile == 0.5:
+            return statistics.median(self.values_ms)
+        return sorted(self.values_ms)[math.ceil(quantile * len(self.values_ms)) - 1]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -9,12 +9,12 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from logs.comments import comments_on
 from logs.errors import AuditError, AuditFault
 from logs.findings import summary
-from logs.journal import COMMENTS, parts_of
+from logs.journal import parted
 from logs.read import Outline, outline, outline_of, records, session_paths
 from logs.reason import Reason, Render, reason, sanitize_terminal, text_of
-from logs.records import Comment, Record
 from logs.report import charts
 from logs.report.data import ReportData, data_of
 from logs.verify import Evidence, verify
@@ -45,6 +45,7 @@ def report(
     this = outline_of(found)
     data = data_of(this, found, render)
     earlier = _earlier(path, this)
+    comments = comments_on(path, evidence, {record.sequence: record.hash for record in found}.get)
 
     def t(key: str, **values: Any) -> str:
         return render(Reason(key, values))
@@ -65,7 +66,8 @@ def report(
             shades=charts.SHADES,
             few=FEW_EVENTS,
             most=MOST_EVENTS,
-            comments=_comments(path),
+            comments=comments.records,
+            comments_hidden=[text_of(why, render) for why in comments.hidden],
             outcomes=outcomes,
             outcome_notes=outcome_notes,
             charts={
@@ -91,14 +93,9 @@ def _numbers(data: ReportData) -> tuple[tuple[str, str], ...]:
     )
 
 
-def _comments(path: Path) -> list[Record]:
-    parts = parts_of(path.with_name(path.stem + COMMENTS))
-    return [record for part in parts for record in records(part) if isinstance(record.body, Comment)]
-
-
 def _earlier(path: Path, this: Outline) -> list[Outline]:
     """This patient's sessions before this one, oldest first."""
-    before = [other for other in session_paths(path.parent) if other.name < path.name]
+    before = [other for other in session_paths(path.parent) if parted(other.stem) < parted(path.stem)]
     outlines = (outline(other) for other in reversed(before[-3 * MOST_EARLIER :]))
     same = [each for each in outlines if each.patient == this.patient and this.patient]
     return list(reversed(same[:MOST_EARLIER]))

@@ -20,7 +20,19 @@ from logs.explain.hops import Explanation, Hop, Step, explain, explain_file
 from logs.explain.text import NAMED, lines, to_values
 from logs.keys import load_or_make_key
 from logs.read import records
-from logs.records import ActionEnd, Body, Cancel, Command, Press, Record, Refusal, Release, Stop
+from logs.records import (
+    ActionEnd,
+    Body,
+    Cancel,
+    Command,
+    EventRaised,
+    GuardRefusal,
+    Press,
+    Record,
+    Refusal,
+    Release,
+    Stop,
+)
 from tests.app.control.moments import A, K, moving, now, standing
 from tests.app.perception.test_reporting import ONE, OVER, push
 from tests.support.audit_trails import write_session
@@ -129,6 +141,55 @@ def test_a_refusal_by_an_event_is_explained_with_its_numbers(tmp_path: Path) -> 
     found = trail(tmp_path, rig.audit)
     (check,) = at(explain(found, only(found, Refusal).sequence), Hop.REFUSED).checks
     assert (check.name, check.value, check.limit, check.margin) == ("late_ms", 60.0, 50.0, -10.0)
+
+
+SEEN_NS = 1_000_000_000
+
+
+@pytest.mark.parametrize(
+    ("body", "shown"),
+    [
+        (EventRaised(event="out-of-range", effect="damp", text=None, quantity="angle_rad", value=-0.5, limit=-0.4), 1),
+        (EventRaised(event="out-of-range", effect="damp", text=None, quantity="angle_rad", value=0.5, limit=0.4), 0),
+        (GuardRefusal(reason=None, joint="left_knee", quantity="position", value=-0.2, limit=-0.1), 1),
+        (GuardRefusal(reason=None, joint="left_knee", quantity="damping", value=-0.1, limit=0.0), 1),
+        (GuardRefusal(reason=None, joint="left_knee", quantity="torque", value=50.1, limit=50.0), 0),
+        (Refusal(reason=None, source="gesture", quantity="request_age_ms", value=-80.0, limit=-50.0), 1),
+    ],
+)
+def test_a_value_below_its_lower_limit_is_not_within_it(tmp_path: Path, body: Body, shown: int) -> None:
+    found = trail(tmp_path, [body])
+    explanation = explain(found, only(found, type(body)).sequence)
+    (check,) = (check for step in explanation.steps for check in step.checks)
+    assert check.margin is not None
+    assert (check.least, check.margin < 0) == (bool(shown), True)
+    (line,) = (line for line in lines(explanation, render_recorded) if "NOT kept" in line)
+    assert ("at most", "at least")[shown] in line
+
+
+@pytest.mark.parametrize(
+    ("by", "event", "words"),
+    [
+        ("key", "stop", "the key was pressed"),
+        ("key", "stop-again", "the key was pressed"),
+        ("key", "STOP", "the key was pressed"),  # as schema 1 named it
+        ("voice", "voice-stop", "STOP was said"),
+        ("takeover", "stop", "another console took over"),
+    ],
+)
+def test_a_stop_is_explained_by_how_it_was_given_and_by_its_own_event(
+    tmp_path: Path, by: str, event: str, words: str
+) -> None:
+    stop = Stop(state="standing", effect="hold", sent_ns=SEEN_NS - 1, seen_ns=SEEN_NS, command_ns=SEEN_NS + 9, by=by)
+    others = ("over-torque", "voice-stop" if by != "voice" else "stop")
+    raised = [EventRaised(event=one, effect="hold", text=None, raised_ns=SEEN_NS) for one in (*others, event)]
+    found = trail(tmp_path, [*raised, stop])
+    own = next(one for one in found if isinstance(one.body, EventRaised) and one.body.event == event)
+    for about in (only(found, Stop), own):
+        explanation = explain(found, about.sequence)
+        assert hops(explanation) == [Hop.SENT, Hop.RECEIVED, Hop.RAISED, Hop.COMMANDED]
+        assert at(explanation, Hop.RAISED).record is own
+        assert any(words in line for line in lines(explanation, render_recorded))
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])

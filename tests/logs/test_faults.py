@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import errno
 import os
+import socket
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
+from logs import mirror
 from logs.disk import Disk
 from logs.findings import Remark
 from logs.journal import Found, append_signed
 from logs.keys import ConsoleKey, by_fingerprint, load_or_make_key, read_anchors
-from logs.mirror import SUFFIX, CheckpointCopy, MirrorFault, copied
-from logs.reason import key_of, reason
+from logs.mirror import SUFFIX, SYSLOG, CheckpointCopy, MirrorFault, copied
+from logs.reason import Reason, key_of, reason
 from logs.records import Body, Cancel, HeartbeatLost, Note, Press, Release
 from logs.scan import scan_file
 from logs.trail import DiskFault
@@ -252,3 +254,22 @@ def test_a_mirror_that_hangs_is_left_behind(tmp_path: Path) -> None:
         copy.put("s.jsonl", b"{}\n")
     assert copy.fault.code == key_of(MirrorFault.BEHIND)
     copy.close(patience_s=0.1)
+
+
+def test_a_system_log_that_is_not_there_is_reported(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mirror, "SYSLOG_SOCKET", str(tmp_path / "log"))
+
+    def fault() -> Reason | None:
+        copy = CheckpointCopy(SYSLOG)
+        copy.put("s.jsonl", b'{"a":1}\n')
+        copy.close(patience_s=30.0)
+        return copy.fault
+
+    missing = fault()
+    assert missing is not None
+    assert (missing.code, missing.values["target"]) == (key_of(MirrorFault.NOT_COPIED), SYSLOG)
+    assert missing.values["detail"] == os.strerror(errno.ENOENT)
+    with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM) as log:
+        log.bind(mirror.SYSLOG_SOCKET)
+        assert fault() is None
+        assert log.recv(100) == b'<14>rleex: s.jsonl {"a":1}\0'

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import fcntl
+import os
 import shutil
+import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -16,7 +19,17 @@ from app.text.catalogue import use_language
 from logs import manifest as manifests
 from logs.disk import Disk
 from logs.findings import Remark, Verdict
-from logs.journal import CHANGES, COMMENTS, MANIFEST, OPERATORS, Found, append_signed, is_journal, parts_of
+from logs.journal import (
+    CHANGES,
+    COMMENTS,
+    MANIFEST,
+    OPERATORS,
+    Found,
+    Misplaced,
+    append_signed,
+    is_journal,
+    parts_of,
+)
 from logs.keys import ANCHOR_FOLDER, PUBLIC_FILE, ConsoleKey, by_fingerprint, read_anchors
 from logs.line import GENESIS, seal, unseal
 from logs.read import records
@@ -39,7 +52,8 @@ def append(folder: Path, name: str, key: ConsoleKey, text: str) -> None:
     if name == MANIFEST:
         write_session(folder, text, key, Disk())
     else:
-        append_signed(folder / name, "journal", [body_for(name, key, text)], key, moment(0))
+        session = f"comments {name.removesuffix(COMMENTS)}" if name.endswith(COMMENTS) else "journal"
+        append_signed(folder / name, session, [body_for(name, key, text)], key, moment(0))
 
 
 def judged(folder: Path, key: ConsoleKey) -> list[Finding]:
@@ -145,6 +159,46 @@ def test_going_on_hides_nothing(journals: Trail, name: str, tamper: Callable[[Pa
     assert findings[behind.name] is Status.SOUND
 
 
+@pytest.mark.parametrize(
+    ("source", "target", "found"),
+    [
+        (CHANGES, "changes-2.jsonl", Misplaced.PART_ADDED),
+        (OPERATORS, "operators-7.jsonl", Misplaced.PART_ADDED),
+        (MANIFEST, "manifest-2.jsonl", Misplaced.PART_ADDED),
+        (f"s1{COMMENTS}", "s1.comments-2.jsonl", Misplaced.PART_ADDED),
+        (f"s1{COMMENTS}", f"s2{COMMENTS}", Misplaced.COMMENTS_OF_OTHER),
+    ],
+)
+def test_a_copied_journal_is_told(journals: Trail, source: str, target: str, found: Misplaced) -> None:
+    shutil.copy(journals.folder / source, journals.folder / target)
+    bad = [finding for finding in judged(journals.folder, journals.key) if finding.status is not Status.SOUND]
+    assert [(each.file.name, each.status, each.reason and each.reason.code) for each in bad] == [
+        (target, Status.TAMPERED, key_of(found))
+    ]
+
+
+def test_a_next_part_copied_further_is_told(journals: Trail) -> None:
+    (journals.folder / CHANGES).unlink()
+    append(journals.folder, CHANGES, journals.key, "later")
+    shutil.copy(journals.folder / "changes-2.jsonl", journals.folder / "changes-3.jsonl")
+    found = {finding.file.name: finding for finding in judged(journals.folder, journals.key)}
+    assert found["changes-2.jsonl"].status is Status.SOUND
+    assert (found["changes-3.jsonl"].reason or Reason("")).code == key_of(Misplaced.PART_ADDED)
+
+
+def test_a_next_part_whose_first_record_was_torn_is_sound_again_with_the_next(journals: Trail) -> None:
+    (journals.folder / "changes-2.jsonl").write_bytes(b'{"body":{"kind":"log-')
+    append(journals.folder, CHANGES, journals.key, "later")
+    found = {finding.file.name: finding.status for finding in judged(journals.folder, journals.key)}
+    assert found["changes-2.jsonl"] is Status.SOUND
+
+
+def test_comments_on_a_sessions_further_file_name_the_session(journals: Trail) -> None:
+    comment = body_for(COMMENTS, journals.key, "seen")
+    append_signed(journals.folder / f"s1-2{COMMENTS}", "comments s1", [comment], journals.key, moment(0))
+    assert exit_status(judged(journals.folder, journals.key)) == 0
+
+
 def test_who_appends_at_the_same_time_waits(tmp_path: Path, key: ConsoleKey) -> None:
     path = tmp_path / CHANGES
     with ThreadPoolExecutor(8) as pool:
@@ -152,6 +206,21 @@ def test_who_appends_at_the_same_time_waits(tmp_path: Path, key: ConsoleKey) -> 
     texts = {record.body.text for record in records(path) if isinstance(record.body, Note)}
     assert texts == {f"{number}" for number in range(40)}
     assert exit_status(judged(tmp_path, key)) == 0
+
+
+def test_a_reader_that_probes_for_a_writer_is_waited_for(
+    tmp_path: Path, key: ConsoleKey, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path = tmp_path / CHANGES
+    append(tmp_path, CHANGES, key, "before")
+    reader = os.open(path, os.O_RDONLY)
+    fcntl.flock(reader, fcntl.LOCK_SH)  # as is_being_written does
+    with pytest.raises(BlockingIOError):
+        Disk().open_existing(path)
+    with monkeypatch.context() as waiting:
+        waiting.setattr(time, "sleep", lambda _: os.close(reader))  # the reader ends while the writer waits
+        append(tmp_path, CHANGES, key, "after")
+    assert [record.body.text for record in records(path) if isinstance(record.body, Note)] == ["before", "after"]
 
 
 def test_a_home_of_before_has_no_ends_and_gets_them_with_its_next_entries(journals: Trail) -> None:

@@ -116,6 +116,28 @@ def test_trails_named_beside_parquet_count_as_well(logs: Path, tmp_path: Path) -
     assert both == [{"session": one["session"], "n": 2 * one["n"]} for one in alone]
 
 
+def test_a_path_with_brackets_is_no_pattern_of_another(tmp_path: Path) -> None:
+    key = load_or_make_key(tmp_path / "keys")
+    for folder in ("clinic1", "clinic[1]", "clinic?", "clinic*"):
+        (tmp_path / folder).mkdir()
+        write_session(tmp_path / folder, "s1", key, Disk(), (r.Note(text=folder),))
+    for folder in ("clinic[1]", "clinic?", "clinic*"):
+        export([tmp_path / folder], tmp_path / f"{folder}.parquet", drop_operators=False)
+        for place in (tmp_path / folder, tmp_path / folder / "s1.jsonl", tmp_path / f"{folder}.parquet"):
+            answer = rows(ask(connect([place]), "SELECT DISTINCT file, text FROM records WHERE kind = 'note'"))
+            assert answer == [{"file": str(tmp_path / folder / "s1.jsonl"), "text": folder}]
+
+
+def test_what_is_named_twice_counts_once(logs: Path, tmp_path: Path) -> None:
+    export([logs], tmp_path / "records.parquet", drop_operators=False)
+    link = tmp_path / "link.parquet"
+    link.symlink_to(tmp_path / "records.parquet")
+    counts = "SELECT count(*) AS n FROM records"
+    once = rows(ask(connect([logs]), counts))
+    assert rows(ask(connect([logs, logs, *session_paths(logs)]), counts)) == once
+    assert rows(ask(connect([link, tmp_path / "records.parquet"]), counts)) == once
+
+
 def test_operators_can_be_left_out_and_pseudonyms_stay(logs: Path, tmp_path: Path) -> None:
     parquet = tmp_path / "records.parquet"
     export([logs], parquet, drop_operators=True)

@@ -175,6 +175,24 @@ def test_a_filter_lets_through_what_it_states(trail: Trail, wanted: Filter, kind
     assert passed == kinds
 
 
+@pytest.mark.parametrize(
+    ("until", "passes"),
+    [
+        ("2026-11-21", True),
+        ("2026-11-21T09:30", True),
+        ("2026-11-21T09:30:10", True),
+        ("2026-11-21T09:30:10.123456", True),
+        ("2026-11-20", False),
+        ("2026-11-21T09:29", False),
+        ("2026-11-21T09:30:09", False),
+        ("2026-11-21T09:30:10.123455", False),
+    ],
+)
+def test_until_takes_in_the_moment_that_it_names(trail: Trail, until: str, passes: bool) -> None:
+    record = msgspec.structs.replace(records(trail.session)[0], wall="2026-11-21T09:30:10.123456Z")
+    assert RecordSelector(Filter(until=until)).passes(record) is passes
+
+
 def test_a_session_is_found_by_the_beginning_of_its_name(three: Trail) -> None:
     assert find_session(three.folder, "s2").name == "s2.jsonl"
     assert find_session(three.folder, "last").name == "s3.jsonl"
@@ -233,6 +251,13 @@ def test_what_nothing_ended_lasts_to_the_sessions_end_on_the_report(tmp_path: Pa
     drawn = timeline(data, lambda key, **_: key)
     for at_s in (again_s, lost_s, ending_s):
         assert f"{clock(at_s)} – {clock(end_s)}</title>" in drawn
+
+
+def test_files_of_a_session_that_went_on_stand_in_their_order(three: Trail) -> None:
+    for part in (10, 2, 3):
+        (three.folder / f"s1-{part}.jsonl").touch()
+    names = [path.stem for path in session_paths(three.folder)]
+    assert names == ["s1", "s1-2", "s1-3", "s1-10", "s2", "s3"]
 
 
 def test_a_changed_trail_is_called_so_on_its_report(trail: Trail) -> None:

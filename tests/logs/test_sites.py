@@ -117,6 +117,32 @@ def test_missing_empty_doubled_and_mixed_sites_are_refused(homes: tuple[Path, Pa
     assert refusal([str(mixed)]).code is AuditFault.SITE_AMBIGUOUS
 
 
+def test_sites_that_share_a_file_are_refused(homes: tuple[Path, Path]) -> None:
+    trail = next((homes[0] / "logs").glob("2*.jsonl"))
+    for shared in (homes[0], homes[0] / "logs", trail):
+        refused = refusal([f"a={homes[0]}", f"b={shared}", f"c={homes[1]}"])
+        assert (refused.code, refused.values) == (AuditFault.SITES_SHARE, {"site": "a", "other": "b"})
+
+
+def test_a_site_with_brackets_is_no_pattern_of_another(tmp_path: Path) -> None:
+    for folder, seed in (("clinic[1]", 1), ("clinic1", 2)):
+        write_sample(tmp_path / folder, minutes=1, seed=seed)
+    export([tmp_path / "clinic1" / "logs"], tmp_path / "x1.parquet", drop_operators=False)
+    (tmp_path / "x[1].parquet").write_bytes(b"none")
+    files = rows([str(tmp_path / "clinic[1]")], "SELECT DISTINCT file FROM records")
+    assert files == [{"file": str(path)} for path in (tmp_path / "clinic[1]" / "logs").glob("2*.jsonl")]
+    assert refusal([str(tmp_path / "x[1].parquet")]).code is AuditFault.SITE_UNREADABLE
+
+
+def test_a_site_is_called_as_its_folder_or_as_its_file_without_the_suffix(tmp_path: Path) -> None:
+    for name in ("clinic.a", "clinic.b"):
+        (tmp_path / name / "logs").mkdir(parents=True)
+        (tmp_path / name / "logs" / "s.jsonl").touch()
+    (tmp_path / "south.x.parquet").touch()
+    texts = [str(tmp_path / part) for part in ("clinic.a", "clinic.b/logs", "south.x.parquet")]
+    assert [site.name for site in find_sites(texts)] == ["clinic.a", "clinic.b", "south.x"]
+
+
 def test_cut_foreign_and_newer_parquet_is_refused(tmp_path: Path) -> None:
     (place,) = write_sites(tmp_path, 500, sites=1)
     whole = place / "records.parquet"

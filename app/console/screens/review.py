@@ -26,7 +26,7 @@ from logs.errors import AuditError
 from logs.findings import Finding, verdict
 from logs.keys import by_fingerprint, known_keys, read_anchors
 from logs.read import find_session, patient_of, session_paths
-from logs.reason import sanitize_terminal
+from logs.reason import Reason, sanitize_terminal, text_of
 from logs.records import Comment, Record
 from logs.show import line_of
 from logs.verify import Evidence, verify
@@ -63,7 +63,7 @@ class ReviewScreen(ConsoleScreen):
         Binding("r", "replay", "reviewing.replay", id="review.replay"),
     ]
     CSS = """
-    ReviewScreen #verdict { height: auto; max-height: 4; background: $panel; }
+    ReviewScreen #verdict { height: auto; max-height: 6; background: $panel; }
     ReviewScreen #below { height: 1fr; }
     ReviewScreen #records { width: 2fr; height: 100%; text-wrap: nowrap; text-overflow: ellipsis; }
     ReviewScreen #moment { width: 1fr; height: 100%; border-left: solid $secondary; padding: 0 1; }
@@ -78,8 +78,8 @@ class ReviewScreen(ConsoleScreen):
         self.session: ReviewedSession | None = None  # on the screen
         self.index = 0  # of the record at the cursor
         self._comments: dict[int, list[Comment]] = {}
+        self._hidden: tuple[Reason, ...] = ()  # why other comments are not shown
         self._finding: Finding | None = None
-        self._resumed = asyncio.Event()
 
     def compose(self) -> ComposeResult:
         yield Static("", id="verdict", markup=False)
@@ -98,20 +98,10 @@ class ReviewScreen(ConsoleScreen):
         else:
             self._open_named(self._name)
 
-    def on_screen_resume(self) -> None:
-        """Go on with what waits to be opened."""
-        self._resumed.set()
-
-    async def _on_top(self) -> None:
-        """Wait until nothing is above: what a thread has found must not open over the lock."""
-        while not self.is_active:
-            self._resumed.clear()
-            await self._resumed.wait()
-
     @work(exclusive=True)
     async def _ask(self) -> None:
         found = await asyncio.to_thread(_sessions, self._home.logs)
-        await self._on_top()
+        await self.on_top()
         if not found:
             self.notify(tr("reviewing.none"))
             self.call_later(self.action_close)
@@ -137,13 +127,12 @@ class ReviewScreen(ConsoleScreen):
         with self.notify_errors():
             self._finding = None
             session = await asyncio.to_thread(open_session, path)
-            self._comments = await asyncio.to_thread(comments_on, path)
+            evidence = self._evidence()
+            self._comments, self._hidden = await asyncio.to_thread(comments_on, session, evidence)
             self.session = session  # last: a key that moved the cursor before it is set would be undone
             self.query_one(Timeline).show(self.session)
             self._go_to(0)
             self.query_one("#verdict", Static).update(f"{sanitize_terminal(path.stem)}: {tr('reviewing.verifying')}")
-            keys = self._home.keys
-            evidence = Evidence(keys=by_fingerprint(known_keys(keys)), anchors=read_anchors(keys))
             (self._finding,) = await asyncio.to_thread(verify, [path], evidence)
             self._show_verdict()
 
@@ -156,7 +145,14 @@ class ReviewScreen(ConsoleScreen):
 
     def _show_verdict(self) -> None:
         if self._finding is not None:
-            self.query_one("#verdict", Static).update(verdict(self._finding, render_recorded))
+            text = verdict(self._finding, render_recorded)
+            for why in self._hidden:
+                text.append(f"\n {sanitize_terminal(text_of(why, render_recorded))}", "bold red")
+            self.query_one("#verdict", Static).update(text)
+
+    def _evidence(self) -> Evidence:
+        keys = self._home.keys
+        return Evidence(keys=by_fingerprint(known_keys(keys)), anchors=read_anchors(keys))
 
     def action_close(self) -> None:
         """Leave."""
@@ -214,7 +210,7 @@ class ReviewScreen(ConsoleScreen):
         with self.notify_errors():
             self.notify(tr("reviewing.opens", session=sanitize_terminal(path.name)), timeout=2)
             found = await asyncio.to_thread(replay_of, path, record if isinstance(record, Record) else None)
-            await self._on_top()
+            await self.on_top()
             self.app.push_screen(ReplayScreen(*found))
 
     @on(Timeline.Moved)
@@ -237,8 +233,9 @@ class ReviewScreen(ConsoleScreen):
             return
         with self.notify_errors():
             await asyncio.to_thread(write_comment, self.console_app.authority, session.path, record, text)
-            self._comments = await asyncio.to_thread(comments_on, session.path)
+            self._comments, self._hidden = await asyncio.to_thread(comments_on, session, self._evidence())
             self._go_to(self.index)
+            self._show_verdict()
 
     def _go_to(self, index: int) -> None:
         if self.session is None:

@@ -17,7 +17,7 @@ from app.audit import process as audit_process
 from app.audit.sink import other_trail
 from app.cli import cli
 from app.console.operator import ConsoleTrail
-from app.console.review_data import comments_on, comments_path, write_comment
+from app.console.review_data import comments_on, open_session, write_comment
 from app.console.screens.after import AfterScreen
 from app.console.screens.calibration import calibration_record
 from app.console.screens.session import SessionScreen
@@ -48,6 +48,7 @@ from kgdfa.distance import DistanceChoice, DistanceSource
 from kgdfa.gesture import Explanation, Gesture
 from kgdfa.recognition import FrameReading
 from kgdfa.vocabulary import VocabularyFault
+from logs.comments import comments_path
 from logs.disk import Disk
 from logs.journal import CHANGES, Moment
 from logs.keys import load_or_make_key
@@ -55,6 +56,7 @@ from logs.manifest import manifest_paths
 from logs.mirror import CheckpointCopy
 from logs.read import records, session_paths
 from logs.records import Body, Note, ProcessEnd, SessionStart
+from logs.verify import Evidence
 from logs.writer import SessionWriter
 from profiles.palm import Calibrated, reference_segment
 from profiles.schema import DEMO_PATIENT, Calibration
@@ -121,7 +123,7 @@ def of_a_real_session(root: Path) -> list[Body]:
     path = session_paths(place.logs)[-1]
     found = records(path)
     write_comment(signed_in(place), path, found[-1], "A word.")
-    comments = [comment for about in comments_on(path).values() for comment in about]
+    comments = [comment for about in comments_on(open_session(path), Evidence())[0].values() for comment in about]
     journals = [record for manifest in manifest_paths(place.logs) for record in records(manifest)]
     assert comments_path(path).exists()
     return [record.body for record in (*found, *journals)] + comments
@@ -280,13 +282,13 @@ def of_perception(root: Path) -> list[Body]:
     found.append(comparison_record(compared_cameras(), "table.csv"))
     found.append(enrolment_record(ENROLLED))
     found.append(enrolment_record(ENROLLED, Explanation(VocabularyFault.ABANDONED)))
-    camera = make_camera(setup)
+    camera = make_camera(structs.replace(setup, config=Config()))  # images of a webcam that no test machine has
     camera.open()
     frame = camera.read(5.0)
     assert frame is not None
     rate = MeasuredRate()
     for captured_ns in (1, 2):
-        rate.add(captured_ns)
+        rate.add(captured_ns, 1)
     found += camera_records(setup, camera.name, frame, rate)
     calibration = Calibration(
         camera=camera.name,
@@ -354,7 +356,7 @@ def setup_in(root: Path) -> SessionSetup:
         session="s",
         home=root,
         links=new_link_directory(root),
-        config=Config(camera=CameraConfig(mirrored=True)),
+        config=Config(camera=CameraConfig(kind="webcam", mirrored=True)),
         profile=DEMO_PATIENT,
         operator="ann",
         role="therapist",

@@ -12,7 +12,7 @@ import pytest
 from textual.pilot import Pilot
 
 from app.console.app import ConsoleApp
-from app.console.review_data import ReviewedSession, comments_on, comments_path, open_session
+from app.console.review_data import ReviewedSession, comments_on, open_session, write_comment
 from app.console.screens import review
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.review import ChooseSession, ReviewScreen, WriteComment
@@ -22,12 +22,14 @@ from app.ipc.states import Event, GaitState
 from app.system.config import Config
 from app.system.paths import Home
 from app.text.catalogue import render
+from logs.comments import comments_path
 from logs.errors import AuditError, AuditFault
 from logs.keys import by_fingerprint, known_keys
-from logs.read import NOT_A_RECORD, outline, session_paths
+from logs.read import NOT_A_RECORD, outline, records, session_paths
 from logs.reason import reason
-from logs.records import EventRaised, Note, Record
+from logs.records import Comment, EventRaised, Note, Record
 from logs.verify import Evidence, exit_status, verify
+from testing.authors import signed_in
 from testing.fake_host import screen_text
 from testing.trails import write_sample
 from tests.app.console.conftest import wait_until
@@ -44,6 +46,11 @@ def home(tmp_path: Path) -> Home:
 def session(home: Home) -> ReviewedSession:
     """That session, read."""
     return open_session(next(path for path in home.logs.glob("2*.jsonl")))
+
+
+def on_file(path: Path) -> dict[int, list[Comment]]:
+    """The comments on a session, whoever signed them."""
+    return comments_on(open_session(path), Evidence())[0]
 
 
 async def opened(app: ConsoleApp, pilot: Pilot[None], screen: ReviewScreen) -> None:
@@ -118,9 +125,9 @@ async def test_a_reviewer_finds_the_events_and_comments_on_one(home: Home, size:
         assert isinstance(app.screen, WriteComment)
         await pilot.press(*"seen", "enter")
         path = next(home.logs.glob("2*[0-9a-f].jsonl"))
-        await wait_until(pilot, lambda: comments_path(path).exists() and first in comments_on(path))
+        await wait_until(pilot, lambda: comments_path(path).exists() and first in on_file(path))
         await wait_until(pilot, lambda: "✎" in screen_text(app))
-    (comment,) = comments_on(path)[first]
+    (comment,) = on_file(path)[first]
     assert comment.text == "seen"
     evidence = Evidence(keys=by_fingerprint(known_keys(home.keys)))
     assert exit_status(verify([home.logs], evidence)) == 0
@@ -172,6 +179,20 @@ async def test_a_changed_record_is_reported_on_top(home: Home) -> None:
     async with app.run_test(size=(100, 30)) as pilot:
         await opened(app, pilot, ReviewScreen(home, "last"))
         await wait_until(pilot, lambda: "TAMPERED" in screen_text(app))
+
+
+async def test_forged_comments_are_not_shown_and_that_is_told(home: Home) -> None:
+    path = next(home.logs.glob("2*[0-9a-f].jsonl"))
+    write_comment(signed_in(home), path, records(path)[0], "was tired")
+    journal = comments_path(path)
+    journal.write_bytes(journal.read_bytes().replace(b"was tired", b"was drunk"))
+    app = ConsoleApp(home, Config())
+    async with app.run_test(size=(100, 30)) as pilot:
+        screen = ReviewScreen(home, "last")
+        await opened(app, pilot, screen)
+        await wait_until(pilot, lambda: "not shown: TAMPERED" in " ".join(screen_text(app).split()))
+        assert "SOUND" in screen_text(app)
+        assert not {"✎", "drunk"} & set(screen_text(app).split())
 
 
 @pytest.mark.parametrize("slow", ["open_session", "verify"])

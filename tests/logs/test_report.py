@@ -1,0 +1,75 @@
+"""The report: what its numbers mean, and whose comments stand on it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from app.text.recorded import render_recorded
+from logs import records as r
+from logs.disk import Disk
+from logs.journal import COMMENTS, append_signed
+from logs.keys import ConsoleKey
+from logs.read import outline_of, records
+from logs.records import Record
+from logs.report.data import Spread, data_of
+from logs.report.page import report
+from logs.verify import Evidence
+from tests.support.audit_trails import Trail, moment, write_session
+
+
+def test_what_acknowledged_an_event_that_came_again_did_not_acknowledge_the_first(
+    tmp_path: Path, key: ConsoleKey
+) -> None:
+    raised = r.EventRaised(event="console-timeout", effect="hold", text="Look.")
+    cleared = r.EventCleared(event="console-timeout", effect="hold")
+    answer = r.Acknowledgement(events=("console-timeout",))
+    # The second is acknowledged behind its end, as older trails have it.
+    path = write_session(tmp_path, "s1", key, Disk(), (raised, cleared, raised, cleared, answer))
+    found = [msgspec.structs.replace(one, monotonic_ns=at_s * 10**9) for at_s, one in enumerate(records(path))]
+    data = data_of(outline_of(found), found, render_recorded)
+    assert [event.acknowledged_after_s for event in data.events] == [None, 2.0]
+    assert [one.longest_unacknowledged_s for one in data.kinds_of_events] == [2.0]
+
+
+@pytest.mark.parametrize(
+    ("values_ms", "shares"),
+    [
+        ((), (None, None, None)),
+        ((7.0,), (7.0, 7.0, 7.0)),
+        ((1000.0, 10.0), (505.0, 1000.0, 1000.0)),
+        (tuple(range(20, 0, -1)), (10.5, 19, 20)),
+        (tuple(range(1, 101)), (50.5, 95, 100)),
+    ],
+)
+def test_half_and_most_of_few_latencies_are_not_too_high(
+    values_ms: tuple[float, ...], shares: tuple[float | None, ...]
+) -> None:
+    spread = Spread(name="x", values_ms=values_ms)
+    assert tuple(spread.share(quantile) for quantile in (0.5, 0.95, 1.0)) == shares
+
+
+def commented(trail: Trail, text: str, about: Record, name: str = "s1") -> Path:
+    path = trail.folder / f"{name}{COMMENTS}"
+    body = r.Comment(about_sequence=about.sequence, about_hash=about.hash, text=text, key=trail.key.public.fingerprint)
+    append_signed(path, f"comments {name}", [body], trail.key, moment(9))
+    return path
+
+
+def test_only_comments_of_a_sound_file_about_this_sessions_records_are_on_its_report(three: Trail) -> None:
+    mine, others = records(three.folder / "s1.jsonl")[3], records(three.folder / "s2.jsonl")[4]
+    path = commented(three, "was tired", mine)
+    evidence = Evidence(keys=three.keys)
+    page = report(three.folder / "s1.jsonl", evidence, render_recorded)
+    assert ("<td>was tired</td>" in page, "not shown" in page) == (True, False)
+    commented(three, "of another", others)
+    page = report(three.folder / "s1.jsonl", evidence, render_recorded)
+    assert ("<td>was tired</td>" in page, "of another" in page) == (True, False)
+    assert "Comments in s1.comments.jsonl that are not shown" in page
+    path.write_bytes(path.read_bytes().replace(b"was tired", b"was drunk"))
+    page = report(three.folder / "s1.jsonl", evidence, render_recorded)
+    assert "drunk" not in page
+    assert "The comments in s1.comments.jsonl are not shown: TAMPERED" in page
+    assert '<section class="proof sound">' in page
