@@ -8,7 +8,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
 
-from app.cli.common import CliFault
 from app.system.errors import AppError
 from logs.reading.errors import CodedError, cause_of
 
@@ -24,21 +23,23 @@ EXTRAS = {
 
 def main() -> None:
     """Run the command line; an error that a user can cause ends with its text and exit status 2."""
-    from app.cli.tree import command
-
-    language, arguments = _language_in(sys.argv[1:])
-    use_configured_language(arguments)
     try:
-        if language:
-            from app.text.catalogue import use_language
+        from app.cli.tree import command
+        from app.text.catalogue import ask_language
 
-            use_language(language)
+        language, arguments = _language_in(sys.argv[1:])
+        use_configured_language(arguments)
+        ask_language(language)
         command(arguments)(arguments)
     except CodedError as error:
         _refuse(error)
     except BrokenPipeError:
         raise  # who reads the output has had enough
+    except KeyboardInterrupt:  # while modules are loaded; a command has its own end
+        raise SystemExit(130) from None
     except OSError as error:  # a full disk, a folder without permission
+        from app.cli.common import CliFault
+
         _refuse(AppError(CliFault.SYSTEM, detail=cause_of(error)))
     except ModuleNotFoundError as error:
         extra = EXTRAS.get((error.name or "").partition(".")[0])
@@ -64,9 +65,9 @@ def _language_in(arguments: list[str]) -> tuple[str, list[str]]:
     language, rest = "", []
     waiting = iter(arguments)
     for argument in waiting:
-        name, _, value = argument.partition("=")
+        name, assigned, value = argument.partition("=")
         if name == "--language":
-            language = value or next(waiting, "")
+            language = value if assigned else next(waiting, "")
         else:
             rest.append(argument)
     return language, rest

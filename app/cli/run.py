@@ -73,9 +73,7 @@ def run(
         return
     if plain:
         from app.console.observer import speak_session
-        from app.text.catalogue import use_language
 
-        use_language(config.language)
         with suppress(KeyboardInterrupt):
             speak_session(place, typer.echo)
         return

@@ -61,9 +61,9 @@ def options(
 ) -> None:
     """Therapist's console for a gesture-commanded lower-limb exoskeleton."""
     if language:
-        from app.text.catalogue import use_language
+        from app.text.catalogue import ask_language
 
-        use_language(language)
+        ask_language(language)
 
 
 def command(arguments: Sequence[str] | None = None) -> TyperCommand | TyperGroup:

@@ -45,7 +45,7 @@ from app.system.config import Config, SessionSetup
 from app.system.operators import Permission, needs_sign_in
 from app.system.paths import Home
 from app.system.scheduling import autogroup_nice, set_scheduling
-from app.text.catalogue import knows, language, languages, tr, use_language
+from app.text.catalogue import knows, language, languages, tr, use_configured, use_language
 from logs.reason import reason
 from logs.records import ProcessEnd, SignOut
 from profiles.schema import Profile
@@ -60,8 +60,9 @@ class ConsoleApp(SessionFlow):
     CSS_PATH = "styles.tcss"
     TITLE = "rleex"
     BINDINGS: ClassVar[list[BindingType]] = list(keys.EVERYWHERE)
-    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (72, "-normal"), (130, "-wide")]  # noqa: RUF012 - declared by Textual
-    VERTICAL_BREAKPOINTS = [(0, "-tiny"), (16, "-short"), (38, "-tall")]  # noqa: RUF012 - declared by Textual
+    # Textual declares both as lists.
+    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (72, "-medium"), (80, "-normal"), (130, "-wide")]  # noqa: RUF012
+    VERTICAL_BREAKPOINTS = [(0, "-tiny"), (16, "-short"), (38, "-tall")]  # noqa: RUF012
 
     def __init__(
         self,
@@ -76,7 +77,7 @@ class ConsoleApp(SessionFlow):
     ) -> None:
         """profile: begin a session with this patient at once; None: begin with the list. held: take this one over."""
         keys.check_keymap(config.keys)
-        use_language(config.language)
+        use_configured(config.language)
         resource_tracker.ensure_running()  # it inherits stderr, which the application is about to replace
         super().__init__(home, config, make_host, clock, read_only=read_only)
         for theme in THEMES:
@@ -237,7 +238,7 @@ class ConsoleApp(SessionFlow):
         if self.signed_in is None:
             await self._sign_in()
         elif self.live is not None:
-            self.notify(tr("sign_out.session", name=self.signed_in.name), severity="warning")
+            self.notify(tr("sign_out.session", name=self.signed_in.name, **self.key_names), severity="warning")
         elif self._keep_all():
             await self._sign_out()
         elif not isinstance(self.screen, Question):

@@ -32,7 +32,7 @@ from app.session.shared import Peer, shared
 from app.system.config import Config, SessionSetup
 from app.system.paths import Home
 from app.system.scheduling import set_scheduling
-from app.text.catalogue import tr
+from app.text.catalogue import language, tr
 
 if TYPE_CHECKING:
     from textual_serve.server import Server
@@ -167,9 +167,13 @@ PORT = 8730
 def serve_console(home: Home, port: int = PORT) -> None:
     """Serve until Ctrl-C. Raises AppError when no session runs."""
     shared(home)
+    browser_server(watching_command(home), port).serve()
+
+
+def watching_command(home: Home) -> str:
+    """What a browser shows, in the language in use."""
     rleex = Path(sys.executable).with_name("rleex")
-    text = [str(rleex), "run", "--read-only", "--home", str(home.root)]
-    browser_server(shlex.join(text), port).serve()
+    return shlex.join([str(rleex), "--language", language(), "run", "--read-only", "--home", str(home.root)])
 
 
 def browser_server(command: str, port: int) -> Server:

@@ -106,7 +106,7 @@ class SessionFlow(SignedInApp):
         """The gestures that this patient can make, before the configured camera; simulated joints, never armed."""
         joints = msgspec.structs.replace(self.config.joints, kind="simulated", host="")
         config = msgspec.structs.replace(self.config, joints=joints)
-        await self.permitted(Permission.CALIBRATE, lambda: self._begin(profile, config, VocabularyScreen(profile)))
+        await self.permitted(Permission.EDIT_PATIENTS, lambda: self._begin(profile, config, VocabularyScreen(profile)))
 
     async def take_over(self, held: SessionSetup) -> None:
         """Take over a session whose console is gone: by its operator's PIN or a therapist's where drives can move.
@@ -143,6 +143,9 @@ class SessionFlow(SignedInApp):
         if live is None or live.ending:
             return
         live.ending = True
+        if live.state.fault and live.state.snapshot is None:  # it never ran: there is nothing to note
+            await self.close_session()
+            return
         self.guided.stop(GuidedStop.SESSION_ENDED)
         live.host.send(OperatorKind.SHUT_DOWN)
         self.notify(tr("end.resting"))

@@ -59,7 +59,7 @@ class SessionState:
     """Everything the session's widgets draw from; time is the console's monotonic clock at the last fold."""
 
     setup: SessionSetup
-    started_ns: int
+    started_ns: int  # when this console came to it
     now_ns: int
     snapshot: ControlSnapshot | None = None
     report: TriggerReport | None = None
@@ -119,13 +119,13 @@ class SessionState:
 
     @property
     def elapsed_s(self) -> float:
-        """Since the session began."""
-        return (self.now_ns - self.started_ns) / 1e9
+        """Since the session began, which may have been before this console."""
+        return (self.now_ns - (self.setup.began_ns or self.started_ns)) / 1e9
 
     @property
     def starting(self) -> bool:
         """Whether the processes start and the hand model loads, as far as patience goes."""
-        return self.elapsed_s < PATIENCE_S and not self.fault
+        return self.now_ns - self.started_ns < PATIENCE_S * 1e9 and not self.fault
 
 
 def fold(state: SessionState, latest: Latest, now_ns: int) -> SessionState:

@@ -1,7 +1,8 @@
 """STOP from the keyboard: sent from the terminal's input thread, so that a busy event loop can't delay it.
 
 The first press is sent at once. A key held down repeats by itself, and a second STOP lets the legs go soft; so a
-press that follows within a second waits for a moment of silence, which a repeating key never leaves.
+press that follows within a second waits for a moment of silence, which a repeating key never leaves. Of a double click
+the first one counts.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 
 from textual import events
@@ -19,10 +20,11 @@ from textual.message import Message
 # Terminals begin to repeat a held key after 0.2-0.7 s and then go on at 15-50 Hz; hands tap no faster than 7 Hz.
 REPEAT_BEGINS_NS = 1_000_000_000
 REPEAT_GAP_NS = 120_000_000
+DOUBLE_CLICK_NS = 500_000_000  # the usual limit of desktops
 
 
 class Press(Enum):
-    """What to do with one arrival of the STOP key."""
+    """What to do with one arrival of the STOP key, or a click."""
 
     SEND = "send"
     WAIT = "wait"  # a second press, or the first repetition: silence will tell
@@ -45,6 +47,13 @@ def press(state: StopKeyState, now_ns: int) -> tuple[StopKeyState, Press]:
     if gap_ns < REPEAT_GAP_NS and state.waits:
         return StopKeyState(last_ns=now_ns, waits=True), Press.DROP
     return StopKeyState(last_ns=now_ns, waits=True), Press.WAIT
+
+
+def click(state: StopKeyState, now_ns: int) -> tuple[StopKeyState, Press]:
+    """As `press`, after a click on the bar: one so soon after another, or after the key, belongs to it."""
+    if state.last_ns is not None and now_ns - state.last_ns < DOUBLE_CLICK_NS:
+        return replace(state, last_ns=now_ns), Press.DROP
+    return StopKeyState(last_ns=now_ns), Press.SEND
 
 
 class StopSwitch:
@@ -88,8 +97,18 @@ class StopSwitch:
             self.stop()
         return True
 
+    def click(self) -> bool:
+        """The bar was clicked; False when no session listens."""
+        with self._lock:
+            if self._send is None:
+                return False
+            self._state, decision = click(self._state, time.monotonic_ns())
+        if decision is Press.SEND:
+            self.stop()
+        return True
+
     def stop(self) -> None:
-        """Send STOP now: a first one, a confirmed second one, or a click on the bar."""
+        """Send STOP now: a first one, or a confirmed second one."""
         send = self._send
         if send is None:
             return
@@ -101,7 +120,4 @@ class StopSwitch:
         if isinstance(message, events.Key) and message.key in self.keys:
             return self.press_key()
         clicked = isinstance(message, events.MouseDown) and self.region.contains(message.screen_x, message.screen_y)
-        if clicked and self.live:
-            self.stop()
-            return True
-        return False
+        return clicked and self.click()

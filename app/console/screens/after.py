@@ -111,19 +111,29 @@ class AfterScreen(ConsoleScreen):
     def _save(self) -> bool:
         """Whether all is in the files."""
         with self.notify_errors():
-            if not self._added:
-                record = msgspec.structs.replace(self._record, note=self._note(), **self._ratings())
-                self.console_app.sessions.add(record)
-                self._added = True
-            self._save_targets()
+            self._save_targets()  # first: while they are refused, the note may still be changed
+            self._add()
             self._saved = True
         return self._saved
+
+    def _add(self) -> None:
+        if not self._added:
+            record = msgspec.structs.replace(self._record, note=self._note(), **self._ratings())
+            self.console_app.sessions.add(record)
+            self._added = True
 
     async def _close(self) -> None:
         """To the list; it may take seconds until the trail's process has ended."""
         if not self._ending:
-            self._tell_trail()
+            self.discard()
             await self.console_app.close_session()
+
+    def discard(self) -> None:
+        """Only the targets: the session belongs in the list all the same."""
+        if not self._ending:
+            with self.notify_errors():
+                self._add()
+            self._tell_trail()
 
     def _tell_trail(self) -> None:
         """Note and ratings into the trail too."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -43,6 +44,10 @@ class _Console(Screen[T], Generic[T]):
     composed = False  # its widgets are there
     _styled_for = ""  # the theme that its widgets' styles were made for
 
+    def __init__(self) -> None:
+        super().__init__()
+        self._resumed = asyncio.Event()  # it has come to the top again
+
     @on(events.Compose)
     def _reach_breakpoints(self) -> None:
         """Set the breakpoints' classes; Textual does so after the first layout, and then styles and paints again."""
@@ -55,6 +60,13 @@ class _Console(Screen[T], Generic[T]):
         """Make the styles anew only for another theme: a tenth of what opening or closing a dialog costs."""
         event.refresh_styles = self._styled_for != self.app.theme
         self._styled_for = self.app.theme
+        self._resumed.set()
+
+    async def on_top(self) -> None:
+        """Wait until nothing is above: what a thread has found must neither open over the lock nor be lost below it."""
+        while not self.is_active:
+            self._resumed.clear()
+            await self._resumed.wait()
 
     def on_mount(self) -> None:
         """Textual calls this beside a subclass's own."""

@@ -94,7 +94,8 @@ class CalibrationScreen(ConsoleScreen):
         if not NEAREST_CM <= distance_cm <= FARTHEST_CM:
             self._show(lambda: tr("calibration.distance", least_cm=NEAREST_CM, most_cm=FARTHEST_CM))
             return
-        self._begin(distance_cm / 100)
+        with self.notify_errors():
+            self._begin(distance_cm / 100)
 
     def keep(self) -> bool:
         return self._result is None

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import multiprocessing
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from multiprocessing.connection import Connection
 from pathlib import Path
@@ -40,13 +40,13 @@ _STYLES = {
 }
 
 
-def check_lines(state: SessionState) -> Lines:
-    """Two lines a check that is not green, one that is."""
+def check_lines(state: SessionState, key_names: Mapping[str, str]) -> Lines:
+    """Two lines a check that is not green, one that is. key_names: how each key of the table is shown."""
     lines: list[Line] = []
     for name, light in results(state).items():
         lines.append(((f" {light.value} ", _STYLES[light]), (tr(f"check.{name}.name"), "bold")))
         if light is not Light.GREEN:
-            lines.append(plain(f"   {tr(f'check.{name}.remedy')}", "$text-muted"))
+            lines.append(plain(f"   {tr(f'check.{name}.remedy', **key_names)}", "$text-muted"))
         if name == "processes":
             lines += [
                 plain(f"   {tr('health.ended', name=one.name, restarts=one.restarts)}", "$error")
@@ -82,7 +82,7 @@ class Checklist(Lists):
 
     def lines_of(self, state: SessionState | None) -> Lines:
         """Every check as it stands."""
-        return () if state is None else check_lines(state)
+        return () if state is None else check_lines(state, self.console_app.key_names)
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002
         """Rehearsals are for real joints; an observer changes nothing."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from threading import Thread
@@ -18,7 +19,7 @@ from textual.widgets import Input, Label
 from app.console import keys
 from app.console.screens.base import HandKeys
 from app.console.state import SessionState
-from app.console.widgets.comparison import camera_lines, own_depth_lines, sample_of, table_lines
+from app.console.widgets.comparison import FrameCount, camera_lines, own_depth_lines, table_lines
 from app.console.widgets.panel import Panel, plain
 from app.console.widgets.picture import Picture
 from app.ipc.messages import HandCommand, Preview, TriggerReport
@@ -54,7 +55,7 @@ class CompareScreen(HandKeys):
     def __init__(self) -> None:
         super().__init__()
         self._sequence = -1
-        self._lost = 0
+        self._count = FrameCount()
         self._looker: Looker | None = None
         self._setup: SessionSetup | None = None  # of the session that is compared
         self._source = ""
@@ -89,10 +90,17 @@ class CompareScreen(HandKeys):
 
     def on_unmount(self) -> None:
         """A session that ends beneath ends the comparison, too."""
+        self._give_up(lambda *table: Thread(target=_write_if_possible, args=table, name="table", daemon=True).start())
+
+    def discard(self) -> None:
+        """The table is written here: a thread would end with the program."""
+        self._give_up(_write_if_possible)
+
+    def _give_up(self, write: Callable[[Path, str], object]) -> None:
         if self._looker is not None:
             path, table = self._path(), self._comparison.as_csv()
             self.console_app.trail.emit(comparison_record(self._comparison, path.name))
-            Thread(target=_write_if_possible, args=(path, table), name="comparison", daemon=True).start()
+            write(path, table)
             self._end_looker()
 
     def follow(self, state: SessionState) -> None:
@@ -140,6 +148,7 @@ class CompareScreen(HandKeys):
         await asyncio.to_thread(refuse_same_device, setup.config.camera, camera)
         self._source = source
         self._comparison = Comparison(threshold_m=setup.profile.press_threshold_m, ruler_m=self._comparison.ruler_m)
+        self._count = FrameCount()
         second = msgspec.structs.replace(
             setup,
             config=msgspec.structs.replace(setup.config, camera=camera),
@@ -192,11 +201,11 @@ class CompareScreen(HandKeys):
         table.lines = table_lines(self._comparison, *table.content_size)
 
     def _take(self, report: TriggerReport) -> None:
-        if self._sequence >= 0 and not (report.hand or report.hand_refusal):
-            self._lost += max(0, report.sequence - self._sequence)
         self._sequence = report.sequence
         self._comparison.threshold_m = report.threshold_m
-        self._comparison.take(0, sample_of(report, self._lost))
+        if sample := self._count.take(report):
+            self._comparison.take(0, sample)
+        self._comparison.faults[0] = report.camera_fault
         first, second = (self.query_one(f"#{name}", Panel) for name in ("monocular", "depth"))
         width = max(10, first.content_size.width)
         first.lines = camera_lines(self._comparison, 0, width)
@@ -209,12 +218,15 @@ class CompareScreen(HandKeys):
         Asked again, the table is given up: the trail still takes the totals.
         """
         async with self._busy:
-            if self._looker is None:
+            looker = self._looker
+            if looker is None:
                 return True
             path, kept = self._path(), False
             with self.notify_errors():
                 await asyncio.to_thread(_write, path, self._comparison.as_csv())
                 kept = True
+            if self._looker is not looker:  # given up meanwhile
+                return True
             if kept:
                 self.notify(tr("compare.kept", path=path), markup=False)
             elif not self._refused:

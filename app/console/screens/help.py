@@ -33,10 +33,9 @@ class Page:
     name: str
     keys: Keys
 
-    @property
-    def lines(self) -> Lines:
-        """What the screen is for, and STOP, in the language of now."""
-        return (plain(tr(self.name)), plain(""), plain(tr("help.stop"), "bold"), plain(""))
+    def lines(self, key_names: Mapping[str, str]) -> Lines:
+        """What the screen is for, and STOP, in the language of now. key_names: how each key of the table is shown."""
+        return (plain(tr(self.name, **key_names)), plain(""), plain(tr("help.stop", **key_names), "bold"), plain(""))
 
 
 def page(name: str, bindings: Mapping[str, ActiveBinding], app: App[None]) -> Page:
@@ -93,6 +92,7 @@ class HelpPage(Dialog[None]):
     def compose(self) -> ComposeResult:
         with VerticalScroll(classes="dialog page") as box:
             box.border_title = tr("help.title")
-            yield Static(content_of(self._page.lines))  # a Markdown widget makes fifty, which take half a second
+            text = self._page.lines(self.console_app.key_names)
+            yield Static(content_of(text))  # a Markdown widget makes fifty, which take half a second
             yield KeyTable(tuple((key, text_of(does)) for key, does in self._page.keys))
         yield from self.compose_bottom()

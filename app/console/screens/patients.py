@@ -27,6 +27,7 @@ from app.system.errors import AppError
 from app.system.operators import Permission
 from app.text.catalogue import render, tr
 from profiles.schema import DEMO_PATIENT, Profile
+from profiles.store import Change
 
 T = TypeVar("T")
 
@@ -84,7 +85,7 @@ class PatientsScreen(ConsoleScreen):
         super().show_session(state)
         operator = self.console_app.signed_in
         who = "" if operator is None else f" · {operator.name}, {tr(operator.role or '')}"
-        title = f"{tr('patients.title', order=tr(self._order))}{who}"
+        title = f"{tr('patients.title', order=tr(self._order), **self.console_app.key_names)}{who}"
         if title != self._title_shown:
             self._title_shown = title
             self.query_one("#title", Label).update(title)
@@ -261,10 +262,11 @@ class PatientsScreen(ConsoleScreen):
             about.update(tr("patients.nobody"))
             return
         self._shown = profile.identifier
+        changes: tuple[Change, ...] = ()
         with self.notify_errors():
             changes = self.console_app.store.history(profile.identifier)
-            sessions = self._sessions.get(profile.identifier, ())
-            about.update(describe(profile, changes, sessions, datetime.now(UTC)))
+        sessions = self._sessions.get(profile.identifier, ())
+        about.update(describe(profile, changes, sessions, datetime.now(UTC)))
 
     def _duplicate(self, name: str | None) -> None:
         if name and (profile := self._chosen()):

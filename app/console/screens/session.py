@@ -27,7 +27,7 @@ from app.console.widgets.patient_details import identity
 from app.console.widgets.picture import Picture
 from app.console.widgets.status import DosePanel, EventsPanel, guided_line, status_line
 from app.console.widgets.wearer import FigurePanel, JointsPanel
-from app.ipc.messages import OperatorKind
+from app.ipc.messages import ActiveEvent, OperatorKind
 from app.ipc.states import Action, Effect
 from app.motion.wearer import Wearer, load_wearer
 from app.outcomes.guided import GuidedStop, GuidedTest
@@ -120,16 +120,16 @@ class SessionScreen(HandKeys):
 
     def action_acknowledge(self) -> None:
         """Ask before an event is acknowledged: leaving a stop takes two deliberate keys."""
-        state = self.console_app.live_state()
-        waiting = [event for event in state.events if not event.acknowledged] if state else []
+        waiting = self._waiting()
         if not waiting:
             self.notify(tr("acknowledge.nothing"))
             return
+        keys = self.console_app.key_names
 
         def text() -> str:
-            return "\n".join([*(f"• {render(event.reason)}" for event in waiting), "", tr("acknowledge.text")])
+            return "\n".join([*(f"• {render(event.reason)}" for event in waiting), "", tr("acknowledge.text", **keys)])
 
-        ask(self.app, lambda: tr("acknowledge.title"), text, partial(self._send, OperatorKind.ACKNOWLEDGE))
+        ask(self.app, lambda: tr("acknowledge.title"), text, partial(self._acknowledge, waiting))
 
     def action_act(self) -> None:
         """One of the twelve actions, by the therapist's key."""
@@ -163,7 +163,7 @@ class SessionScreen(HandKeys):
 
     def action_pause_picture(self) -> None:
         """Freeze the picture on the screen only."""
-        self.query_one(Picture).toggle_pause()
+        self.query_one(Picture).toggle_pause(self.console_app.key_names["pause"])
 
     def action_large_letters(self) -> None:
         """State, gesture and what is allowed in letters for three metres, or the usual screen again."""
@@ -199,6 +199,19 @@ class SessionScreen(HandKeys):
     async def action_end_session(self) -> None:
         """End the session, after asking while drives are powered."""
         await self.console_app.end_session_asking()
+
+    def _waiting(self) -> list[ActiveEvent]:
+        """The events that are not acknowledged."""
+        state = self.console_app.live_state()
+        return [event for event in state.events if not event.acknowledged] if state else []
+
+    def _acknowledge(self, shown: list[ActiveEvent]) -> None:
+        """Control takes all that was raised before: where more waits than was shown, ask again."""
+        known = {(event.event, event.since_ns) for event in shown}
+        if known.issuperset((event.event, event.since_ns) for event in self._waiting()):
+            self._send(OperatorKind.ACKNOWLEDGE)
+        else:
+            self.action_acknowledge()
 
     def _send(self, kind: OperatorKind, action: Action | None = None) -> None:
         if self.console_app.live is not None:

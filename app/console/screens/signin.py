@@ -13,7 +13,7 @@ from textual.binding import BindingType
 from textual.containers import Vertical
 from textual.widgets import Input, Static
 
-from app.console.screens.base import Dialog
+from app.console.screens.base import USER_ERRORS, Dialog
 from app.system.authority import Authority, Proof, of_operator
 from app.system.config import SessionSetup
 from app.system.enrolment import enrol_first
@@ -81,13 +81,14 @@ class SignInDialog(Dialog[Authority]):
         try:
             sign_in = partial(enrol_first, self.console_app.home) if self._first else self._sign_in
             operator = await asyncio.to_thread(sign_in, name, pin)
-        except AppError as error:
+            await self.on_top()
+            self.dismiss(operator)
+        except USER_ERRORS as error:
             why = self.query_one("#reason", Static)
             why.update(f"✗ {render(error)}")
             self.call_after_refresh(self.query_one(".dialog").scroll_end, animate=False)
+        finally:
             self._trying = False
-            return
-        self.dismiss(operator)
 
     def on_input_changed(self, event: Input.Changed) -> None:
         """On a small screen the reason may have covered the field."""

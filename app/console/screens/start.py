@@ -15,7 +15,7 @@ from textual.widgets import Button, Input, Label, Select, Static
 from app.console.screens.base import ConsoleScreen
 from app.console.screens.checks import Preflight
 from app.console.widgets.patient_details import identity, vocabulary_text
-from app.system.config import CameraKind, Config, JointsKind, with_choices
+from app.system.config import CameraKind, Config, JointsKind, with_camera, with_choices
 from app.system.operators import Permission
 from app.system.vocabulary import status_now
 from app.text.catalogue import tr
@@ -36,17 +36,20 @@ class StartSession(ConsoleScreen):
     def __init__(self, profile: Profile) -> None:
         super().__init__()
         self._profile = profile
+        self._camera = ""  # the kind that was chosen; empty: the configured one
 
     def compose(self) -> ComposeResult:
         config = self.console_app.config
         yield Label(tr("start.title", name=self._profile.identifier), id="title")
         with VerticalScroll(id="start"):
             yield Static(identity(self._profile), markup=False, classes="dialog-text")
-            if text := vocabulary_text(self._profile, status_now(self._profile, config)):
+            status = status_now(self._profile, config)
+            if text := vocabulary_text(self._profile, status, self.console_app.key_names):
                 yield Static(text, markup=False, id="vocabulary", classes="dialog-text")
             yield Label(tr("start.camera"), classes="section")
             cameras = [(tr(f"camera.{kind}"), kind) for kind in get_args(CameraKind)]
-            yield Select(cameras, value=config.camera.kind, allow_blank=False, id="camera", compact=True)
+            camera = self._camera or config.camera.kind
+            yield Select(cameras, value=camera, allow_blank=False, id="camera", compact=True)
             yield Input(config.camera.device, placeholder=tr("start.device"), id="device", compact=True)
             yield Label(tr("start.distance"), classes="section")
             distances = [(tr(used), used) for used in DistanceUsed]
@@ -67,9 +70,11 @@ class StartSession(ConsoleScreen):
 
     @on(Select.Changed, "#camera")
     def show_device(self, event: Select.Changed) -> None:
-        """The configured device belongs to the configured camera."""
+        """The configured device belongs to the configured camera; what was typed, to the one that it was typed for."""
         own = self.console_app.config.camera
-        self.query_one("#device", Input).value = own.device if event.value == own.kind else ""
+        if event.value != (self._camera or own.kind):
+            self._camera = str(event.value)
+            self.query_one("#device", Input).value = own.device if event.value == own.kind else ""
 
     async def on_button_pressed(self) -> None:
         await self.action_begin()
@@ -89,12 +94,12 @@ class StartSession(ConsoleScreen):
 
     async def _begin(self, config: Config) -> None:
         app, used = self.console_app, DistanceUsed(self.query_one("#distance-source", Select).value)
-        if used is not self._profile.distance_source:
-            self._profile = msgspec.structs.replace(self._profile, distance_source=used)
-            with self.notify_errors():
+        with self.notify_errors():
+            if used is not self._profile.distance_source:
                 current = msgspec.structs.replace(app.store.load(self._profile.identifier), distance_source=used)
                 app.store.save(current, by=app.authority, at=datetime.now(UTC), why=ChangeCause.DISTANCE.key)
-        await app.begin_session(self._profile, config)
+                self._profile = msgspec.structs.replace(self._profile, distance_source=used)
+            await app.begin_session(self._profile, config)
 
     def _chosen(self) -> Config:
         """The configuration with these choices. Raises AppError where its inputs don't suit them."""
@@ -104,4 +109,4 @@ class StartSession(ConsoleScreen):
         device = self.query_one("#device", Input).value.strip()
         here = None if config.joints.host else joints  # another computer's joints stay its own
         config = with_choices(config, camera=camera, joints=here, patient=None)
-        return msgspec.structs.replace(config, camera=msgspec.structs.replace(config.camera, device=device))
+        return msgspec.structs.replace(config, camera=with_camera(config.camera, camera, device))

@@ -143,7 +143,7 @@ class VocabularyScreen(HandKeys):
         if not isinstance(result, VocabularyProof):
             self.notify(tr("vocabulary.nothing"), severity="warning")
             return
-        await self.console_app.permitted(Permission.CALIBRATE, lambda: self._keep(result))
+        await self.console_app.permitted(Permission.EDIT_PATIENTS, lambda: self._keep(result))
 
     async def action_end_enrolment(self) -> None:
         """Back to the list; what was not kept is recorded as refused."""

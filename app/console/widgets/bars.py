@@ -59,7 +59,7 @@ class StopBar(Widget):
         self._report_region()
 
     def on_mouse_down(self) -> None:
-        self._switch.stop()
+        self._switch.click()
 
     def _report_region(self) -> None:
         self.call_after_refresh(lambda: setattr(self._switch, "region", self.region))

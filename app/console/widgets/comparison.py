@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 from app.console.widgets.gesture import gauge
 from app.console.widgets.panel import Lines, cells, fitted, padded, plain, wrapped
@@ -17,12 +18,40 @@ LEAST_CAMERA = 8  # cells of a camera's name
 GAP = 2
 
 
-def sample_of(report: TriggerReport, lost: int) -> CameraSample:
-    """What the session's own camera measured, as a camera that only looks gives it."""
+@dataclass(slots=True)
+class FrameCount:
+    """The frames of the session's own camera, counted as a camera that only looks counts its own."""
+
+    frames: int = 0
+    lost: int = 0  # without a hand, after the first with one
+    had_hand: bool = False
+    newest: TriggerReport | None = None  # of a frame
+
+    def take(self, report: TriggerReport) -> CameraSample | None:
+        """The sample of a frame; None: perception had none to report, as between those of a slow camera."""
+        before = self.newest
+        if before is not None and report.captured_ns <= before.captured_ns:
+            return None
+        self.newest = report
+        passed = 1 if before is None else _passed(before, report)
+        hand = report.hand or report.hand_refusal is not None
+        self.had_hand = self.had_hand or hand
+        self.frames += passed
+        self.lost += passed * (self.had_hand and not hand)
+        return _sample(report, self.frames, self.lost)
+
+
+def _passed(before: TriggerReport, now: TriggerReport) -> int:
+    """Frames from one on to the other: of the reports between, which the console may have missed, some had none."""
+    by_rate = round(now.fps * (now.captured_ns - before.captured_ns) / 1e9)
+    return max(1, min(by_rate, now.sequence - before.sequence))
+
+
+def _sample(report: TriggerReport, frames: int, lost: int) -> CameraSample:
     return CameraSample(
         camera=report.camera,
         captured_ns=report.captured_ns,
-        frames=report.sequence,
+        frames=frames,
         lost=lost,
         latency_ms=(report.sent_ns - report.captured_ns) / 1e6,
         distance_m=report.distance_m,
@@ -30,7 +59,7 @@ def sample_of(report: TriggerReport, lost: int) -> CameraSample:
         pressed=report.pressed,
         presses=report.release_count + report.cancel_count + report.pressed,
         by_depth=report.distance_source is DistanceSource.DEPTH,
-        why=report.camera_fault or report.hand_refusal or report.depth_fault,
+        why=report.hand_refusal or report.depth_fault,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from enum import Enum
 
@@ -101,14 +101,14 @@ def field_name(path: str) -> str:
     return tr(key) + unit if knows(key) else path
 
 
-def vocabulary_text(profile: Profile, status: VocabularyStatus) -> str:
+def vocabulary_text(profile: Profile, status: VocabularyStatus, key_names: Mapping[str, str]) -> str:
     """With which gestures the patient commands, and whether that is proven; empty where nothing is special."""
     if status is VocabularyStatus.NOT_NEEDED:
         return ""
     gestures = " ".join(tr(Gesture(one.value)) for one in profile.vocabulary)
     proven_on = profile.evidence.proven_at.date().isoformat() if profile.evidence else ""
     months = round(VALID_FOR.days / DAYS_A_MONTH)
-    return f"{tr('start.vocabulary', gestures=gestures)}\n{tr(status, at=proven_on, months=months)}"
+    return f"{tr('start.vocabulary', gestures=gestures)}\n{tr(status, at=proven_on, months=months, **key_names)}"
 
 
 def identity(profile: Profile) -> str:

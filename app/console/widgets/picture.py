@@ -57,6 +57,7 @@ class Picture(Widget):
         self._sequence = -1
         self._message_text = tr("picture.waiting")
         self.paused = False
+        self._pause_key = ""
         self._pixels: PixelPicture | None = None
         self._drawn = False  # pixels stay until they are taken away
         self._sending = False  # pixels of one preview are on their way; those between are left out
@@ -83,9 +84,9 @@ class Picture(Widget):
             self._message_text = text
             self.refresh()
 
-    def toggle_pause(self) -> None:
-        """Freeze or go on; the chain itself never pauses."""
-        self.paused = not self.paused
+    def toggle_pause(self, key: str) -> None:
+        """Freeze or go on; the chain itself never pauses. key: the one that did it, as it is shown."""
+        self.paused, self._pause_key = not self.paused, key
         self.set_class(self.paused, "-paused")
         self._sequence = -1
 
@@ -131,7 +132,7 @@ class Picture(Widget):
 
     def _message_for(self, state: SessionState) -> str:
         if self.paused:
-            return tr("picture.paused")
+            return tr("picture.paused", pause=self._pause_key)
         if state.preview is None:
             return tr("picture.waiting")
         if not state.report_fresh:

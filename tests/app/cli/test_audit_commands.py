@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from app.cli import cli, main
+from app.cli import cli, main, tree
 from app.system.errors import AppError
 from app.text.catalogue import language, render, tr, use_language
 from logs.disk import Disk
@@ -224,6 +224,17 @@ def test_the_language_is_taken_wherever_it_stands(
     assert tr(Status.SOUND) in capsys.readouterr().out
 
 
+def test_a_session_is_followed_in_the_language_asked_for(
+    home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.argv", ["rleex", "--language", "zh", "run", "--plain", "--home", str(home)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 2
+    assert language() == "zh"
+    assert "没有" in capsys.readouterr().err
+
+
 def test_a_language_that_does_not_exist_is_refused(
     home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -232,6 +243,30 @@ def test_a_language_that_does_not_exist_is_refused(
         main()
     assert ended.value.code == 2
     assert "tlh" in capsys.readouterr().err
+
+
+def test_an_empty_language_takes_no_other_argument_away(
+    home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("sys.argv", ["rleex", "--language=", "audit", "list", "--home", str(home)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert not ended.value.code
+    assert "s1" in capsys.readouterr().out
+
+
+def test_an_interrupt_before_the_command_runs_ends_it_in_silence(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(tree, "import_module", interrupted)
+    monkeypatch.setattr("sys.argv", ["rleex", "locate"])
+    with pytest.raises((SystemExit, KeyboardInterrupt)) as ended:
+        main()
+    assert ended.value.args == (130,)
+    assert capsys.readouterr() == ("", "")
 
 
 def test_a_report_is_written_in_the_language_in_use(home: Path) -> None:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import resource
+from datetime import UTC, datetime
 
+import msgspec
 import pytest
-from textual.widgets import Input, Label
+from textual.widgets import Input, Label, Static
 
 from app.console.patient_fields import FIELDS, Kind, parse, to_texts
 from app.console.screens.patient_form import labelled
@@ -14,7 +16,10 @@ from app.console.session_index import Records, SessionRecord
 from app.system.errors import AppError
 from app.system.paths import Home
 from app.text.catalogue import render
+from logs.records import Body, Note
 from profiles.schema import DEMO_PATIENT
+from profiles.store import ProfileStore
+from testing.authors import Named
 from tests.app.console.conftest import Opener
 
 
@@ -64,6 +69,55 @@ async def test_a_broken_profile_is_named_in_the_list(console: Opener, home: Home
     async with console(profile=None) as open_console:
         await open_console.shows("Correct that field")
         await open_console.shows("demo")
+
+
+async def test_a_patient_whose_history_can_t_be_read_is_not_shown_as_the_one_before(
+    console: Opener, home: Home
+) -> None:
+    store = ProfileStore(home.profiles)
+    for name, note in (("A-1", "left hip"), ("B-2", "right knee")):
+        patient = msgspec.structs.replace(DEMO_PATIENT, identifier=name, note=note)
+        store.create(patient, by=Named(""), at=datetime.now(UTC))
+    (home.profiles / "history" / "B-2.jsonl").write_text('{"at": "tor')
+    async with console(profile=None, size=(100, 24)) as open_console:
+        about = open_console.app.screen.query_one("#about", Static)
+        await open_console.until(lambda: "left hip" in str(about.content))
+        await open_console.press("down")
+        await open_console.tells("B-2.jsonl")
+        assert "right knee" in str(about.content)
+        assert "left hip" not in str(about.content)
+
+
+async def test_a_note_may_be_changed_while_the_targets_are_refused(console: Opener) -> None:
+    async with console() as open_console:
+        await open_console.press("e")
+        await open_console.shows("After the session")
+        open_console.type("note", "tired")
+        open_console.type("steps", "999999")
+        await open_console.press("ctrl+s")
+        await open_console.tells("999999")
+        open_console.type("note", "tired; left hip hurts")
+        open_console.type("steps", "100")
+        await open_console.press("ctrl+s")
+        await open_console.until(lambda: open_console.host.closed)
+        assert [one.note for one in open_console.app.sessions.of("demo")] == ["tired; left hip hurts"]
+
+
+@pytest.mark.parametrize("leaves", [("escape",), ("ctrl+q",)])
+async def test_a_session_whose_targets_are_refused_is_listed_when_it_is_left(
+    console: Opener, trail: list[Body], leaves: tuple[str, ...]
+) -> None:
+    async with console() as open_console:
+        await open_console.press("e")
+        await open_console.shows("After the session")
+        open_console.type("note", "tired")
+        open_console.type("steps", "999999")
+        await open_console.press(*leaves)
+        await open_console.shows("Leave without saving?")
+        await open_console.press("y")
+        await open_console.until(lambda: open_console.host.closed)
+        assert [one.note for one in open_console.app.sessions.of("demo")] == ["tired"]
+    assert trail.count(Note(text="tired")) == 1
 
 
 async def test_a_note_that_cant_be_kept_stays_until_it_can(console: Opener, home: Home) -> None:

@@ -14,11 +14,13 @@ from app.motion.plan import patient_of
 from app.motion.preflight import preflight_passed
 from app.system.config import Config, JointsConfig
 from app.system.hand_model import find_model
+from app.system.operators import Role
 from app.system.paths import Home, find_home
 from app.text.catalogue import language, tr
 from hal.inputs.device import InputDevice, InputRole
 from hal.joints.device import load_exoskeleton
 from kgdfa.press_zone import PressZone
+from logs.journal import CHANGES
 from profiles.schema import DEMO_PATIENT
 from profiles.store import ChangeCause, ProfileStore
 from testing.authors import signed_in
@@ -71,6 +73,19 @@ async def test_a_calibration_distance_that_is_none_is_reported(console: Opener, 
         open_console.type("measured", typed)
         await open_console.press("enter")
         await open_console.shows("from 15 to 70")
+
+
+async def test_a_journal_that_can_t_be_written_ends_no_calibration_screen(console: Opener, home: Home) -> None:
+    (home.logs / CHANGES).mkdir(parents=True)
+    home.config.write_text('language="en"\n')
+    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
+        await open_console.shows("demo")
+        open_console.app.signed_in = signed_in(home, Role.THERAPIST)
+        await open_console.press("c")
+        await open_console.shows("Enter begins")
+        await open_console.press("enter")
+        await open_console.tells(CHANGES)
+        assert isinstance(open_console.app.screen, CalibrationScreen)
 
 
 async def test_a_rehearsal_runs_beside_the_console_and_is_kept(console: Opener, home: Home) -> None:
@@ -156,7 +171,7 @@ async def test_the_threshold_that_suits_the_camera_is_one_key_away(console: Open
     )
     async with console(size=(130, 40)) as open_console:
         open_console.host.press_zone = zone
-        await open_console.shows("suggested 28 cm (s)")
+        await open_console.shows("suggested 28 cm (checks)")
         await open_console.press("s")
         await open_console.shows("! Press threshold suits camera and palm")
         await open_console.press("u")

@@ -13,7 +13,7 @@ from app.console.screens.patients import PatientsScreen
 from app.console.screens.review import ReviewScreen, WriteComment
 from app.system.config import Config
 from app.system.paths import Home
-from app.text.catalogue import tr
+from app.text.catalogue import ask_language, tr
 from profiles.schema import DEMO_PATIENT
 from testing.authors import Named
 from testing.fake_host import screen_text
@@ -37,6 +37,14 @@ async def test_the_list_keeps_its_patients_and_cursor(console: Opener) -> None:
         table = screen.query_one(DataTable)
         await opened.until(lambda: (table.row_count, table.cursor_row, table.has_focus) == (2, other, True))
         assert "P-2" in opened.text()
+
+
+async def test_the_language_asked_for_goes_before_the_configurations_and_its_key_changes_it(console: Opener) -> None:
+    ask_language("zh")
+    async with console(profile=None) as opened:
+        await opened.shows("新建")
+        await opened.press("f3")
+        await opened.shows("New")
 
 
 async def test_what_is_typed_in_the_form_stays(console: Opener) -> None:

@@ -5,11 +5,13 @@ from __future__ import annotations
 from threading import Event
 
 import pytest
+from msgspec.structs import replace
 from textual.widgets import Input
 
 from app.console.screens import compare
 from app.console.screens.compare import CompareScreen
-from app.ipc.messages import HandCommand, Preview
+from app.console.widgets.comparison import FrameCount
+from app.ipc.messages import HandCommand, Preview, TriggerReport
 from app.perception.look import CameraSample
 from app.system.config import SessionSetup
 from app.system.paths import Home
@@ -19,8 +21,10 @@ from kgdfa.gesture import Gesture
 from logs.reason import Reason, reason
 from logs.records import Body, CameraComparison
 from profiles.schema import DistanceUsed
+from testing.fake_host import without_hand
 from tests.app.console.conftest import Console, Opener
 
+MS = 1_000_000
 PREVIEW = Preview(sequence=1, captured_ns=1, width_px=4, height_px=2, rgb=bytes(24))
 
 
@@ -119,6 +123,62 @@ async def test_another_camera_keeps_what_the_one_before_it_gave_and_no_name_leav
         assert len([*(home.root / "comparisons").iterdir()]) == 1
         assert not screen.query_one("#other").display
         await open_console.shows(tr("compare.depth"))
+
+
+@pytest.mark.usefixtures("looking")
+async def test_a_comparison_is_kept_when_the_program_is_left(
+    console: Opener, home: Home, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    kept: list[tuple[bool, Body]] = []
+    async with console() as open_console:
+        app = open_console.app
+        monkeypatch.setattr(app.trail, "emit", lambda body: kept.append((app.trail._sink is not None, body)))
+        await open_console.press("v")
+        await choose_second(open_console, "digital-d435i")
+        await open_console.shows("31.0 cm")
+        await open_console.press("ctrl+q")
+        await open_console.until(lambda: app._exit)
+    ((was_open, record),) = ((was_open, body) for was_open, body in kept if isinstance(body, CameraComparison))
+    assert was_open, "it belongs in the session's trail"
+    assert "second" in (home.root / "comparisons" / record.path).read_text()
+
+
+def counted(*reports: TriggerReport) -> tuple[int, int]:
+    """Frames and lost ones after these reports."""
+    count = FrameCount()
+    for report in reports:
+        count.take(report)
+    return count.frames, count.lost
+
+
+def at(ms: int, sequence: int, *, fps: float, hand: bool = True) -> TriggerReport:
+    return replace(without_hand(ms * MS, sequence, 0.2), hand=hand, fps=fps)
+
+
+def test_reports_without_a_new_image_are_no_frames() -> None:
+    """Of a camera at 5 Hz: perception reports after 0.1 s without an image, too."""
+    seen = (at(100, 1, fps=5), at(100, 2, fps=5, hand=False), at(300, 3, fps=5), at(500, 5, fps=5))
+    assert counted(*seen) == (3, 0)
+
+
+def test_frames_that_the_console_has_missed_count() -> None:
+    assert counted(at(100, 1, fps=30), at(200, 4, fps=30), at(233, 5, fps=30)) == (5, 0)
+
+
+def test_only_frames_after_the_first_hand_are_lost() -> None:
+    hands = (False, False, True, False, True, False)
+    assert counted(*(at(33 * (n + 1), n + 1, fps=30, hand=hand) for n, hand in enumerate(hands))) == (6, 2)
+
+
+async def test_the_session_s_camera_that_gives_nothing_says_why(console: Opener) -> None:
+    async with console() as open_console:
+        host = open_console.host
+        await open_console.press("5", "v")
+        await open_console.shows("30.5 cm")
+        host.message = replace(
+            at(0, 2, fps=30, hand=False), camera_fault=reason(CameraFault.UNPLUGGED, camera="webcam")
+        )
+        await open_console.shows("was unplugged")
 
 
 async def test_what_is_no_distance_is_told(console: Opener) -> None:

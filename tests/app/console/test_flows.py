@@ -20,7 +20,9 @@ from app.console.session_index import Records, SessionRecord
 from app.console.widgets.status import EFFECT_MARKS
 from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, Effect, Event, GaitState
-from app.system.config import CameraConfig, Config
+from app.session.host import SessionFault
+from app.system.config import CameraConfig, CameraKind, Config
+from app.system.errors import AppError
 from app.system.paths import Home
 from app.text.catalogue import tr
 from hal.errors import CameraFault
@@ -94,6 +96,24 @@ async def test_the_distance_chosen_at_the_start_is_used_and_kept(console: Opener
     assert ProfileStore(home.profiles).history("demo")[-1].why == ChangeCause.DISTANCE.key
 
 
+async def test_a_distance_that_can_not_be_kept_begins_no_session(console: Opener, home: Home) -> None:
+    async with console(profile=None) as open_console:
+        await open_console.press("enter")
+        await open_console.shows("Session with demo")
+        home.root.mkdir(exist_ok=True)
+        home.profiles.touch()  # where a folder is to be made
+        start = open_console.app.screen
+        start.query_one("#distance-source", Select).value = DistanceUsed.BOTH
+        await open_console.press("enter")
+        await open_console.tells("profiles")
+        assert open_console.app.screen is start
+        home.profiles.unlink()
+        await open_console.press("ctrl+s")  # the choice stands, and is kept now
+        await open_console.shows("NOT ARMED")
+        assert open_console.host.setup.profile.distance_source is DistanceUsed.BOTH
+    assert ProfileStore(home.profiles).load("demo").distance_source is DistanceUsed.BOTH
+
+
 async def test_another_camera_chosen_at_the_start_has_no_device_of_the_configured_one(console: Opener) -> None:
     film = CameraConfig(kind="recording", device="f.mp4", focal_px=600.0, mirrored=True)
     async with console(profile=None, config=Config(camera=film)) as open_console:
@@ -105,6 +125,55 @@ async def test_another_camera_chosen_at_the_start_has_no_device_of_the_configure
         await open_console.press("enter")
         await open_console.shows("NOT ARMED")
         assert open_console.host.setup.config.camera == CameraConfig(kind="webcam")
+
+
+async def test_another_recording_named_at_the_start_has_not_the_lens_of_the_configured_one(console: Opener) -> None:
+    film = CameraConfig(kind="recording", device="f.mp4", focal_px=600.0, mirrored=True)
+    async with console(profile=None, config=Config(camera=film)) as open_console:
+        await open_console.press("enter")
+        await open_console.shows("f.mp4")
+        open_console.app.screen.query_one("#device", Input).value = "g.mp4"
+        await open_console.press("enter")
+        await open_console.shows("NOT ARMED")
+        assert open_console.host.setup.config.camera == CameraConfig(kind="recording", device="g.mp4")
+
+
+@pytest.mark.parametrize("configured", ["digital-hand", "webcam"])
+async def test_a_typed_camera_stays_in_another_language(console: Opener, configured: CameraKind) -> None:
+    config = Config(camera=CameraConfig(kind=configured, device="0"))
+    async with console(profile=None, config=config) as open_console:
+        await open_console.press("enter")
+        await open_console.shows("Session with demo")
+        start = open_console.app.screen
+        start.query_one("#camera", Select).value = "webcam"
+        wanted = "0" if configured == "webcam" else ""
+        await open_console.until(lambda: start.query_one("#device", Input).value == wanted)
+        open_console.type("device", "2")
+        await open_console.press("f3")
+        await open_console.until(lambda: tr("start.begin") in open_console.text())
+        await open_console.press("ctrl+s")
+        await open_console.until(lambda: open_console.app.live is not None)
+        camera = open_console.host.setup.config.camera
+        assert (camera.kind, camera.device) == ("webcam", "2")
+
+
+async def test_a_session_that_could_not_start_is_none(
+    console: Opener, monkeypatch: pytest.MonkeyPatch, home: Home
+) -> None:
+    def refuse(host: FakeHost) -> None:
+        raise AppError(SessionFault.NOT_STARTED, folder="diagnostics")
+
+    monkeypatch.setattr(FakeHost, "start", refuse)
+    async with console(profile=None) as open_console:
+        app = open_console.app
+        await open_console.press("enter")
+        await open_console.shows("Begin (Enter)")
+        await open_console.press("enter")
+        await open_console.until(lambda: (state := app.live_state()) and state.fault)
+        await open_console.press("e")
+        await open_console.until(lambda: isinstance(app.screen, PatientsScreen))
+        assert open_console.host.closed
+        assert app.sessions.of("demo") == ()
 
 
 async def test_a_session_ends_with_a_note_that_the_list_then_shows(console: Opener, home: Home) -> None:
@@ -338,7 +407,7 @@ async def test_an_open_dialog_changes_its_language(console: Opener, key: str, te
 async def test_the_image_pauses_but_the_chain_does_not(console: Opener) -> None:
     async with console() as open_console:
         await open_console.press("z")
-        await open_console.shows("Picture paused")
+        await open_console.shows("Picture paused: z resumes")
         await open_console.press("5")
         await open_console.shows(" walk")
 

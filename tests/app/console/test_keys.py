@@ -37,6 +37,18 @@ async def test_a_remapped_stop_key_stops(console: Opener) -> None:
         await open_console.shows("F12")
 
 
+@pytest.mark.parametrize(
+    ("language", "stop", "large"),
+    [("en", "STOP is F12, on every screen", "f9 shows state"), ("zh", "F12：腿减速并保持", "f9 用三米外")],
+)
+async def test_help_names_the_remapped_keys(console: Opener, language: str, stop: str, large: str) -> None:
+    remapped = {"stop": "f12", "large": "f9"}
+    async with console(size=(120, 40), config=Config(keys=remapped, language=language)) as open_console:
+        await open_console.press("f1")
+        await open_console.shows(stop)
+        await open_console.shows(large)
+
+
 async def test_a_remapped_key_does_what_its_name_states(console: Opener) -> None:
     async with console(config=Config(keys={"arm": "f9"})) as open_console:
         await open_console.press("a")

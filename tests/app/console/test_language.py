@@ -101,11 +101,51 @@ def test_every_literal_key_is_there() -> None:
     assert asked - set(entries("en")) == set()
 
 
+# Keys whose last part is put together too: `evaluate.plot.paper_3`.
+COMPOSED = re.compile(
+    r"borg\.\d+|key\.f12|patients\.(un)?archive_(title|text)|evaluate\.sequence\.\w+"
+    r"|evaluate\.plot\.(ankle|paper|paper_title)_\w+|evaluate\.column\.(monocular|d435i|plain|squared)_\w+"
+)
+
+
+def parts_of_keys() -> set[str]:
+    """What a key that is put together may end with: words of strings, classes, members of enums."""
+    found = {member for members in enum_members().values() for member in members}
+    found |= {member.lower() for member in found}
+    for source in SOURCES:
+        for node in ast.walk(ast.parse(source)):
+            if isinstance(node, ast.ClassDef):
+                found.add(node.name)
+            elif isinstance(node, ast.Constant) and isinstance(node.value, str) and not node.value.endswith("."):
+                found |= set(re.findall(r"[\w-]+", node.value))  # a docstring ends with a full stop
+    templates = (path.read_text(encoding="utf-8") for room in ROOMS for path in (ROOT / room).rglob("*.j2"))
+    return found | {word for template in templates for word in re.findall(r"[\w-]+", template)}
+
+
 def test_no_key_is_unused() -> None:
     literal = {key for source in SOURCES for key in re.findall(r"""["']([a-z0-9_.-]+)["']""", source)}
     members = re.compile(r"[A-Z]\w+\.[A-Z0-9_]+")
     unused = {key for key in set(entries("en")) - literal if not members.fullmatch(key)}
+    parts = parts_of_keys()
+    used = {key for key in unused if COMPOSED.fullmatch(key) or key.rpartition(".")[2] in parts}
     assert {key for key in unused if not key.startswith(tuple(DYNAMIC))} == set()
+    assert unused - used == set()
+
+
+NAMED_KEYS = re.compile(
+    r"acknowledge\.text|check\.(clear|patient|stop_inputs|vocabulary)\.remedy|distance\.proposed|picture\.paused"
+    r"|help\.(session|patients|stop)|patients\.title|sign_out\.session|VocabularyStatus\..*|Event\.NO_PREFLIGHT"
+)
+
+
+@pytest.mark.parametrize("code", CODES)
+def test_a_key_that_can_be_remapped_is_named_by_its_place_in_the_table(code: str) -> None:
+    letter = re.compile(r"(?<![A-Za-z{'])[b-z](?![A-Za-z}])|space bar|空格")
+    found = {key: texts for key, texts in entries(code).items() if NAMED_KEYS.fullmatch(key)}
+    assert len(found) > 15
+    assert {key: letter.findall(text) for key, texts in found.items() for text in texts if letter.search(text)} == {}
+    named = {name for texts in found.values() for name in fields_of(*texts)}
+    assert {"stop", "acknowledge", "confirm", "patients_vocabulary"} <= named
 
 
 def test_an_unknown_language_names_those_that_exist() -> None:

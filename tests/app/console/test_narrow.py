@@ -7,9 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from app.console.guidance import _STEPS
 from app.console.terminal import believed
+from app.console.widgets.panel import Panel, wrapped
 from app.console.widgets.picture import CELLS_A_SECOND, PICTURE_HZ, wanted
 from app.ipc.states import Effect, Event
+from app.text.catalogue import tr
 from kgdfa.continuity import Jump
 from kgdfa.gesture import HandRefusal
 from logs.reason import reason
@@ -39,6 +42,23 @@ async def test_the_next_step_is_readable_to_its_end(console: Opener) -> None:
     async with console(size=NARROW) as open_console:
         await open_console.press("space")
         await open_console.shows("returns slowly.")
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize("columns", [60, 72, 79, 80])
+async def test_every_next_step_is_readable_to_its_end(console: Opener, columns: int, language: str) -> None:
+    async with console(size=(columns, 24)) as open_console:
+        await open_console.app.speak(language)
+        await open_console.until(lambda: open_console.app.screen.query("#guide"))
+        panel = open_console.app.screen.query_one("#guide", Panel)
+        await open_console.until(lambda: panel.size.width == columns)
+        keys = open_console.app.key_names
+        steps = [
+            f"{mark} {tr(f'{kind}.{name}', **keys)}"
+            for kind, mark in (("guide", "▶"), ("watch", "·"))
+            for _, name, _ in _STEPS
+        ]
+        assert [text for text in steps if len(wrapped(text, columns)) > panel.size.height] == []
 
 
 @pytest.mark.parametrize("size", [(80, 24), (100, 30), (130, 40), (200, 50)])

@@ -14,7 +14,7 @@ import pytest
 from aiohttp.test_utils import TestClient, TestServer
 
 from app.console.guidance import Light, results
-from app.console.observer import PORT, ObserverHost, browser_server, speak_session
+from app.console.observer import PORT, ObserverHost, browser_server, speak_session, watching_command
 from app.console.state import SessionState, fold
 from app.console.widgets.bars import StopBar
 from app.ipc import streams as processes
@@ -35,7 +35,7 @@ from app.session.shared import share, shared, unshare
 from app.system.config import Config, JointsConfig, SessionSetup
 from app.system.errors import AppError
 from app.system.paths import Home
-from app.text.catalogue import tr
+from app.text.catalogue import tr, use_language
 from profiles.schema import DEMO_PATIENT
 from testing.authors import signed_in
 from tests.app.console.conftest import Opener
@@ -195,6 +195,11 @@ async def test_the_bar_does_not_show_what_an_ended_control_said_last(console: Op
         await open_console.until(lambda: not bar.has_class("-held"))
         assert (state := app.live_state()) is not None
         assert state.effect is Effect.HOLD
+
+
+def test_a_browser_shows_the_language_in_use(home: Home) -> None:
+    use_language("zh")
+    assert " --language zh run --read-only " in watching_command(home)
 
 
 async def test_the_page_in_a_browser_is_as_wide_as_a_phone_and_asks_for_nothing_elsewhere() -> None:

@@ -4,21 +4,23 @@ from __future__ import annotations
 
 import asyncio
 import threading
+from typing import Any
 
 import pytest
 from textual import events
 from textual.widgets import Input
 
 from app.console.screens.after import AfterScreen
+from app.console.screens.help import HelpPage
 from app.console.screens.patient_form import PatientForm
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.session import SessionScreen
 from app.console.screens.signin import SignInDialog
 from app.ipc.messages import OperatorKind
 from app.system.config import Config, JointsConfig
-from app.system.operators import Role, add_operator, load_store, save_store
+from app.system.operators import Role, SignInResult, add_operator, load_store, save_store, try_pin
 from app.system.paths import Home
-from logs.journal import OPERATORS
+from logs.journal import CHANGES, OPERATORS
 from logs.read import records
 from logs.records import SignIn, SignInFailed
 from testing.authors import signed_in
@@ -243,6 +245,54 @@ async def test_a_pin_that_is_entered_twice_signs_in_once(console: Opener, home: 
         assert isinstance(app.screen_stack[-2], PatientsScreen)
     tried = [body for body in app.trail._waiting if isinstance(body, (SignIn, SignInFailed))]
     assert tried == [SignIn(name="Ada", role="engineer", unlocked=False)]
+
+
+async def test_help_that_opens_while_a_pin_is_tried_does_not_keep_the_console_locked(
+    console: Opener, home: Home, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    save_store(home.keys, add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN))
+    asked, answered = threading.Event(), threading.Event()
+
+    def slow(*given: Any) -> SignInResult:
+        asked.set()
+        assert answered.wait(20)
+        return try_pin(*given)
+
+    monkeypatch.setattr("app.console.screens.signin.try_pin", slow)
+    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
+        app = open_console.app
+        await open_console.shows("demo")
+        app.signed_in = signed_in(home)
+        await open_console.press("ctrl+l")
+        await open_console.until(lambda: isinstance(app.screen, SignInDialog) and app.screen.composed)
+        lock = app.screen
+        open_console.type("pin", PIN)
+        lock.query_one("#pin").focus()
+        app.post_message(events.Key("enter", None))  # the pilot would wait for the answer
+        assert await asyncio.to_thread(asked.wait, 20)
+        app.post_message(events.Key("f1", None))
+        async with asyncio.timeout(20):
+            while not isinstance(app.screen, HelpPage):
+                await asyncio.sleep(0.01)
+        answered.set()
+        await open_console.until(lambda: [one for one in app.trail._waiting if isinstance(one, SignIn)])
+        assert lock in app.screen_stack
+        await open_console.press("escape")
+        await open_console.until(lambda: isinstance(app.screen, PatientsScreen))
+
+
+async def test_a_journal_that_can_t_be_written_is_told_where_the_pin_is_asked_for(console: Opener, home: Home) -> None:
+    (home.logs / CHANGES).mkdir(parents=True)
+    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
+        await open_console.shows("demo")
+        await open_console.press("f4")
+        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
+        await open_console.sign_in("Ada", PIN)
+        await open_console.shows(CHANGES)
+        assert isinstance(open_console.app.screen, SignInDialog)
+        (home.logs / CHANGES).rmdir()
+        await open_console.sign_in("Ada", PIN)
+        await open_console.until(lambda: isinstance(open_console.app.screen, PatientsScreen))
 
 
 async def test_a_console_that_is_locked_while_a_session_is_prepared_stays_locked(

@@ -35,7 +35,7 @@ from testing.fake_host import FakeHost, event
 from tests.app.console.conftest import Opener
 
 NOW_NS = 1_000_000_000_000
-KEYS = {"acknowledge": "k", "act": "t", "torque_off": "o"}
+KEYS = {"acknowledge": "k", "act": "t", "confirm": "c", "patients_vocabulary": "g", "torque_off": "o"}
 DEVICES = load_exoskeleton().joints
 NUMBER = re.compile(r"\d+(?:[.:]\d+)*")
 

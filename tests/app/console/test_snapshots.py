@@ -62,7 +62,7 @@ def make_app(home: Path, *, session: bool) -> ConsoleApp:
     """A console whose time stands still."""
 
     def make_host(setup: SessionSetup) -> FakeHost:
-        fixed = msgspec.structs.replace(setup, session="S-1")
+        fixed = msgspec.structs.replace(setup, session="S-1", began_ns=NOW_NS)
         return FakeHost(fixed, clock=lambda: NOW_NS, picture=flat())
 
     profile = DEMO_PATIENT if session else None

@@ -9,10 +9,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.console.stop import REPEAT_BEGINS_NS, REPEAT_GAP_NS, Press, StopKeyState, press
+from app.console.screens.dialogs import Question
+from app.console.stop import DOUBLE_CLICK_NS, REPEAT_BEGINS_NS, REPEAT_GAP_NS, Press, StopKeyState, click, press
 from app.console.widgets.bars import StopBar
 from app.ipc.messages import OperatorKind
-from app.text.catalogue import tr
+from app.ipc.states import Effect, Event
+from app.text.catalogue import render, tr
+from testing.fake_host import event
 from tests.app.console.conftest import Opener
 
 MS = 1_000_000
@@ -133,6 +136,47 @@ async def test_a_click_on_the_bar_stops(console: Opener) -> None:
     async with console() as open_console:
         await open_console.pilot.click("StopBar")
         await open_console.until(lambda: OperatorKind.STOP in open_console.host.kinds())
+
+
+async def test_a_double_click_on_the_bar_stops_once(console: Opener) -> None:
+    async with console() as open_console:
+        bar = open_console.app.screen.query_one(StopBar)
+        for _ in range(2):  # the pilot would let a busy machine spread them
+            bar.on_mouse_down()
+        await open_console.shows("HELD")
+        assert open_console.host.kinds() == [OperatorKind.STOP]
+
+
+def test_a_click_counts_once_it_can_belong_to_no_other() -> None:
+    first, sent = click(StopKeyState(), MS)
+    second, dropped = click(first, DOUBLE_CLICK_NS)
+    assert (sent, dropped) == (Press.SEND, Press.DROP)
+    assert click(second, 2 * DOUBLE_CLICK_NS)[1] is Press.SEND
+
+
+def test_a_click_right_after_the_key_is_the_same_stop_and_a_later_one_another() -> None:
+    state, _ = press(StopKeyState(), 0)
+    assert click(state, DOUBLE_CLICK_NS - 1)[1] is Press.DROP
+    assert click(state, DOUBLE_CLICK_NS)[1] is Press.SEND
+
+
+async def test_what_came_while_it_was_asked_is_shown_before_it_is_acknowledged(console: Opener) -> None:
+    async with console() as open_console:
+        app, host = open_console.app, open_console.host
+        await open_console.press("space")
+        await open_console.shows("HELD")
+        await open_console.press("k")
+        await open_console.until(lambda: isinstance(app.screen, Question) and app.screen.composed)
+        later = event(Event.JOINT_SANK, Effect.DAMP, time.monotonic_ns())
+        host.events = (*host.events, later)
+        await open_console.until(lambda: (state := app.live_state()) and len(state.events) == 2)
+        asked = app.screen
+        await open_console.press("y")
+        await open_console.until(lambda: isinstance(app.screen, Question) and app.screen is not asked)
+        await open_console.shows(render(later.reason)[:40])
+        assert OperatorKind.ACKNOWLEDGE not in host.kinds()
+        await open_console.press("y")
+        await open_console.until(lambda: OperatorKind.ACKNOWLEDGE in host.kinds())
 
 
 @pytest.mark.parametrize("size", [(20, 5), (80, 24), (200, 50), (250, 70)])

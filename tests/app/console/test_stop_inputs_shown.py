@@ -14,7 +14,7 @@ from app.console.widgets.status import status_line
 from app.ipc.messages import StopInputSnapshot
 from app.text.catalogue import tr, use_language
 from hal.inputs.device import InputDevice, InputRole
-from tests.app.console.test_sizes import MOVING, READY, STOPPED, text_of
+from tests.app.console.test_sizes import KEYS, MOVING, READY, STOPPED, text_of
 
 PENDANT = InputDevice(name="pendant", role=InputRole.WEARER, kind="simulated")
 
@@ -55,7 +55,7 @@ def test_the_status_line_says_once_what_joints_they_are(state: SessionState, wid
 
 def test_the_checks_say_so_too_and_hold_nobody_up() -> None:
     use_language("en")
-    assert "No stop button connected" in text_of(check_lines(READY))
+    assert "No stop button connected" in text_of(check_lines(READY, KEYS))
     assert "stop_inputs" not in results(READY)
 
 
@@ -66,7 +66,7 @@ def test_the_checks_say_so_too_and_hold_nobody_up() -> None:
 def test_a_connected_button_is_to_be_pressed_once_before_arming(is_open: bool, pressed_once: bool, stands: str) -> None:
     use_language("en")
     state = with_pendant(READY, is_open=is_open, pressed_once=pressed_once)
-    text = text_of(check_lines(state))
+    text = text_of(check_lines(state, KEYS))
     assert f"pendant (wearer): {stands}" in text
     assert "No stop button connected" not in text
     assert ready(with_pendant(READY, pressed_once=True)) is ready(READY)

@@ -21,7 +21,7 @@ from logs.read import records
 from logs.records import SignInFailed
 from profiles.schema import DEMO_PATIENT
 from testing.authors import signed_in
-from tests.app.console.conftest import Opener
+from tests.app.console.conftest import LIMIT_S, Opener
 
 pytestmark = pytest.mark.usefixtures("cheap_pins")
 PIN, OTHER = "483920", "592817"
@@ -103,6 +103,23 @@ async def test_who_leaves_the_question_leaves_the_session_held(console: Opener, 
         assert not open_console.host.started
     open_console.app.trail.keep(home)
     assert any(isinstance(one.body, SignInFailed) for one in records(home.logs / OPERATORS))
+
+
+async def test_a_session_that_is_taken_over_counts_its_time_from_its_own_begin(
+    console: Opener, held: SessionSetup, home: Home
+) -> None:
+    simulated = msgspec.structs.replace(held, config=Config(), began_ns=held.began_ns - 600_000_000_000)
+    async with console(held=simulated, profile=None) as open_console:
+        await open_console.until(lambda: (state := open_console.app.live_state()) and state.snapshot)
+        state = open_console.app.live_state()
+        assert state is not None
+        assert state.starting, "this console has only begun"
+        await open_console.press("e")
+        await open_console.shows("After the session")
+        await open_console.press("ctrl+s")
+        await open_console.until(lambda: open_console.host.closed)
+    (record,) = open_console.app.sessions.of("demo")
+    assert 600 <= record.duration_s < 600 + LIMIT_S
 
 
 def test_who_leaves_before_the_takeover_is_done_reads_that_the_session_stays(

@@ -15,6 +15,7 @@ from app.console.screens.patients import PatientsScreen
 from app.console.screens.vocabulary import VocabularyScreen, frame_of
 from app.ipc.messages import OperatorKind, TriggerReport
 from app.system.config import Config
+from app.system.operators import Role
 from app.system.paths import Home
 from app.system.vocabulary import VALID_FOR, recognition_hash, with_evidence
 from kgdfa.gesture import Gesture, HandRefusal
@@ -24,6 +25,7 @@ from logs.records import Body, Note, VocabularyEnrolled
 from profiles.files import encode
 from profiles.schema import DEMO_PATIENT, GestureUsed
 from profiles.store import ChangeCause
+from testing.authors import signed_in
 from tests.app.console.conftest import Console, Opener
 from tests.app.system.test_vocabulary_status import PROOF
 
@@ -68,6 +70,15 @@ async def opened(console: Console, kept: list[Body], monkeypatch: pytest.MonkeyP
     await console.until(lambda: isinstance(console.app.screen, VocabularyScreen) and console.app.live_state())
     await console.shows("Enrol the gestures of demo: 1/25")
     await console.shows("Show gesture 0 and hold it")
+
+
+async def test_who_may_not_change_patients_begins_no_enrolment(console: Opener, home: Home) -> None:
+    async with console(profile=None) as open_console:
+        await open_console.shows("demo")
+        open_console.app.signed_in = signed_in(home, Role.ENGINEER)
+        await open_console.press("g")
+        await open_console.tells("may not create or change patients")
+        assert open_console.app.live is None
 
 
 async def test_what_the_patient_can_make_becomes_the_vocabulary(

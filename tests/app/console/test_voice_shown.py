@@ -16,7 +16,7 @@ from app.text.catalogue import tr, use_language
 from app.voice.signals import Signal, VoiceState
 from hal.microphone import VoiceConfig
 from testing.fake_host import FakeHost
-from tests.app.console.test_sizes import MOVING, READY, text_of
+from tests.app.console.test_sizes import KEYS, MOVING, READY, text_of
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
@@ -26,14 +26,14 @@ def test_it_is_shown_whether_it_listens_and_why_not(voice: VoiceState, language:
     state = replace(MOVING, voice=voice)
     listens = voice is VoiceState.LISTENING
     assert tr("status.voice" if listens else "status.no_voice") in text_of(status_line(state, 120, "i"))
-    assert tr(voice) in text_of(check_lines(state))
+    assert tr(voice) in text_of(check_lines(state, KEYS))
 
 
 @pytest.mark.parametrize("width", [60, 80, 120, 200])
 def test_switched_off_nothing_is_said_of_it(width: int) -> None:
     use_language("en")
     assert "voice" not in text_of(status_line(MOVING, width, "i"))
-    assert "oice" not in text_of(check_lines(READY))
+    assert "oice" not in text_of(check_lines(READY, KEYS))
 
 
 def live(config: VoiceConfig, switch: StopSwitch | None) -> LiveSession:
