@@ -144,11 +144,17 @@ CLEARED = "none"  # typed to take an optional value away
 
 
 def edit(profile: Profile, changes: Mapping[str, str]) -> Profile:
-    """The profile with dotted file fields set to typed values. Raises ProfileError naming the field and its range."""
+    """The profile with dotted file fields set to typed values, its identifier not among them.
+
+    Raises ProfileError naming the field and its range.
+    """
     table = to_file(profile)
     for field, typed in changes.items():
         _set(table, field, typed)
-    return from_table(table, "")
+    edited = from_table(table, "")
+    if edited.identifier != profile.identifier:
+        raise ProfileError(ProfileFault.IDENTIFIER_FIXED)
+    return edited
 
 
 def parse_assignments(typed: list[str]) -> dict[str, str]:

@@ -24,6 +24,21 @@ from profiles.schema import DEMO_PATIENT, Profile
 SUFFIX = ".toml"
 MAX_HISTORY = 64 << 20  # bytes
 Check = Callable[[Profile], None]
+# Fields and groups (as in files) that shape no motion: they change in a profile that fits the device no longer, too.
+WITHOUT_MOTION = frozenset(
+    {
+        "archived",
+        "calibrations",
+        "distance_source",
+        "dose",
+        "evidence",
+        "hand",
+        "note",
+        "palm",
+        "press_threshold_cm",
+        "vocabulary",
+    }
+)
 
 
 class ChangeCause(Enum):
@@ -80,7 +95,7 @@ class ProfileStore:
     """Profiles in a folder. Every method may raise ProfileError; those that change ask the author first."""
 
     def __init__(self, folder: Path, checks: tuple[Check, ...] = ()) -> None:
-        """folder: made when first written to. checks: more that a profile must pass to be saved."""
+        """folder: made when first written to. checks: more that a change which shapes motion must pass."""
         self._folder = folder
         self._checks = checks
 
@@ -155,11 +170,12 @@ class ProfileStore:
 
     def _write(self, profile: Profile, before: Profile | None, *, by: Author, at: datetime, why: str) -> Change | None:
         check(profile)
-        for one in self._checks:
-            one(profile)
         changes = differences(before, profile)
         if not changes:
             return None
+        if not {field.partition(".")[0] for field in changes} <= WITHOUT_MOTION:
+            for one in self._checks:
+                one(profile)
         change = Change(at=at.astimezone(UTC).isoformat(timespec="seconds"), by=by.name, changes=changes, why=why)
         by.change_profile(profile.identifier, change)
         path, history = self._path(profile.identifier), self._history_path(profile.identifier)

@@ -147,6 +147,17 @@ def test_a_home_that_is_a_file_is_refused_before_the_work(tmp_path: Path, path: 
     assert file.read_text() == "kept"
 
 
+@pytest.mark.parametrize("path", HOMES, ids=" ".join)
+def test_an_empty_home_is_not_the_current_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: tuple[str, ...]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(AppError) as caught:
+        call(path, "home", "")
+    assert caught.value.code is CliFault.HOME_EMPTY
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize(("path", "name"), FLOATS)
 @pytest.mark.parametrize("value", ["nan", "inf", "1e400"])
 def test_a_number_that_is_none_is_refused(path: tuple[str, ...], name: str, value: str) -> None:
@@ -175,6 +186,20 @@ def test_a_number_that_is_none_is_refused(path: tuple[str, ...], name: str, valu
         (("emulate-drives", "--fault", "late=inf"), "late=inf"),
         (("export", "x", "--to", "csv", "--output", "/proc/out"), "/proc/out can't be written"),
         (("evaluate", "idle", "--progress", "file"), "file can't be read (JSON is malformed"),
+        (("evaluate", "gestures", "--digital", "1", "--cross-validate"), "--cross-validate"),
+        (("evaluate", "gestures", "--digital", "1", "--errors", "wrong"), "--errors"),
+        (("evaluate", "gestures", "--digital", "1", "--keypoints", "k.npz"), "--keypoints"),
+        (("evaluate", "gestures", ".", "--seed", "3"), "--seed"),
+        (("evaluate", "preprocessing", "--every", "3"), "--every"),
+        (("evaluate", "preprocessing", ".", "--digital", "3"), "--digital"),
+        (("evaluate", "side", "--keypoints", "k.npz"), "--keypoints"),
+        (("evaluate", "side", "--every", "10"), "--every"),
+        (("evaluate", "side", ".", "--digital", "3"), "--digital"),
+        (("evaluate", "side", ".", "--keypoints", "k.npz", "--every", "10"), "--every"),
+        (("evaluate", "distance", ".", "--hands", "3"), "--hands"),
+        (("evaluate", "distance", ".", "--walks", "3"), "--walks"),
+        (("evaluate", "distance", ".", "--focal-px", "900"), "--focal-px"),
+        (("evaluate", "distance", ".", "--workers", "3"), "--workers"),
     ],
     ids=lambda value: " ".join(value) if isinstance(value, tuple) else "",
 )

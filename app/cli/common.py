@@ -24,16 +24,20 @@ if TYPE_CHECKING:
     from rich.console import Console
 
 
-def check_home(path: Path | None) -> Path | None:
-    """An option's callback: refuse a home that is no folder before the work begins. Raises AppError."""
-    if path is not None:
-        from app.system.paths import find_home
+def home_of(text: str) -> Path:
+    """An option's parser: refuse a home that is empty or no folder before the work begins. Raises AppError.
 
-        find_home(path)
-    return path
+    As a path, an empty text is the current folder.
+    """
+    if not text:
+        raise AppError(CliFault.HOME_EMPTY)
+    from app.system.paths import find_home
+
+    find_home(Path(text))
+    return Path(text)
 
 
-HomeOption = Annotated[Path | None, typer.Option("--home", callback=check_home, help="Data directory.")]
+HomeOption = Annotated[Path | None, typer.Option("--home", parser=home_of, metavar="<path>", help="Data directory.")]
 
 
 class CliFault(Enum):
@@ -48,6 +52,7 @@ class CliFault(Enum):
     NOT_FINITE = auto()  # option, value
     NO_MOMENT = auto()  # option, value
     OPTION_UNUSED = auto()  # option, command
+    HOME_EMPTY = auto()
     NO_TERMINAL = auto()
     SYSTEM = auto()  # detail
 

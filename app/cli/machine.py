@@ -11,7 +11,7 @@ from app.cli.common import HomeOption, print_text
 from app.cli.permission import sign_in
 from app.diagnostics.findings import show
 from app.system.config import load_config
-from app.system.hand_model import MODEL_NAME, set_up_model
+from app.system.hand_model import set_up_model
 from app.system.operators import Permission
 from app.system.paths import find_home
 from app.text.catalogue import tr, use_language
@@ -38,8 +38,7 @@ def model(
     place = find_home(home)
     if again:
         sign_in(home, Permission.CONFIGURE)
-        (place.models / MODEL_NAME).unlink(missing_ok=True)
-    path = set_up_model(place, load_config(place.config))
+    path = set_up_model(place, load_config(place.config), again=again)
     if not quiet:
         print_text("cli.model", path=path)
 

@@ -15,7 +15,7 @@ from app.cli.common import CliFault, HomeOption, check_finite, check_output, pri
 from app.cli.permission import ask, sign_in
 from app.system.enrolment import enrol, enrol_first, give_pin, issue_token
 from app.system.errors import AppError
-from app.system.operators import PERMISSIONS, OperatorFault, Permission, Role, load_store
+from app.system.operators import PERMISSIONS, OperatorFault, Permission, Role, is_locked, load_store
 from app.system.paths import Home, find_home
 from app.text.catalogue import tr
 from logs.reason import sanitize_terminal
@@ -88,7 +88,8 @@ def list_operators(home: HomeOption = None) -> None:
     store = load_store(find_home(home).keys)
     people = Table(tr("cli.operator.name"), tr("cli.operator.role"), "", title=tr("cli.operator.operators"))
     for operator in store.operators:
-        state = "" if operator.enabled else tr("OperatorChange.DISABLED")
+        locked = tr("cli.operator.locked") if is_locked(store, operator) else ""
+        state = locked if operator.enabled else tr("OperatorChange.DISABLED")
         people.add_row(Text(sanitize_terminal(operator.name)), tr(operator.role), state)
     console.print(people if store.operators else tr("cli.operator.nobody"))
     table = Table(tr("cli.operator.may"), *(tr(role) for role in Role), title=tr("cli.operator.roles"))

@@ -22,7 +22,6 @@ from app.system.operators import Permission
 from app.system.paths import find_home
 from app.text.catalogue import knows, render, tr
 from logs.reason import sanitize_terminal
-from profiles.errors import ProfileError, ProfileFault
 from profiles.files import edit, encode, parse_assignments
 from profiles.palm import explain_estimate, palm_estimate, reference_segment, with_calibration
 from profiles.schema import Profile, Sex
@@ -113,8 +112,6 @@ def set_fields(
 
     store = _store(home)
     profile = edit(store.load(patient), parse_assignments(changes))
-    if profile.identifier != patient:
-        raise ProfileError(ProfileFault.IDENTIFIER_FIXED)
     change = store.save(profile, by=by, at=datetime.now(UTC), why=why)
     if change is None:
         print_text("cli.profile.unchanged")
@@ -163,13 +160,13 @@ def calibrate(
 def _watching(home: Path | None) -> Iterator[tuple[Camera, HandDetector]]:
     """The configured camera, open, with its measured intrinsics, and a hand detector."""
     from app.cli.camera import open_as
-    from kgdfa.keypoints import HandDetector
+    from kgdfa.keypoints import live_detector
 
     place = find_home(home)
     config = load_config(place.config)
     with closing(open_as(config.camera, config.camera.kind, config.camera.device, place.cameras)) as camera:
         camera.open()
-        with HandDetector(set_up_model(place, config)) as detector:
+        with live_detector(set_up_model(place, config)) as detector:
             yield camera, detector
 
 

@@ -104,13 +104,13 @@ class _Wanted:
             film(shown, patient.body, named(self.video, action.name, many=many))
         if self.norm is not None and len(shown.starts) > 4:
             values = correlation(shown, self.norm)
-            console.print(tr("evaluate.rehearsal.correlation", action=action.value, **values), markup=False)
+            console.print(tr("evaluate.rehearsal.correlation", action=action, **values), markup=False)
 
 
 def _at_the_corners(console: Console, device: Exoskeleton) -> list[tuple[Profile, RehearsalVerdict]]:
     from app.evaluate.loop.rehearsal import corner_profiles, corners
 
-    with bar(console, "corners", len(list(corner_profiles())) * len(Action)) as step:
+    with bar(console, tr("evaluate.progress.corners"), len(list(corner_profiles())) * len(Action)) as step:
         return corners(device, step)
 
 
@@ -167,7 +167,7 @@ def emulate_drives(
         list[str] | None, typer.Option(help="[joint:]fault[=value][@seconds], e.g. left_knee:silent@10.")
     ] = None,
     seconds: Annotated[float, typer.Option(callback=check_finite, help="End after this long; 0: never.", min=0)] = 0.0,
-    home: Annotated[Path | None, typer.Option(help="Data directory (for --patient).")] = None,
+    home: HomeOption = None,
 ) -> None:
     """Emulate the four drives of the exoskeleton on a CAN bus."""
     from hal.joints.can.bus import with_bus

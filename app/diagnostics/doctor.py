@@ -15,7 +15,7 @@ from app.diagnostics.findings import Finding, bad, good, note
 from app.link.wire import LinkFault
 from app.system.config import Config, load_config
 from app.system.errors import AppError
-from app.system.hand_model import find_model
+from app.system.hand_model import ModelFault, find_model
 from app.system.paths import Home
 from app.system.scheduling import SCHEDULING, WAKE_LATENCY
 from app.voice.spotter import require_spotter
@@ -154,7 +154,11 @@ def check_model(home: Home, config: Config) -> Iterator[Finding]:
     try:
         yield good(T.MODEL, F.MODEL_FOUND, path=find_model(home, config))
     except AppError as error:
-        yield bad(T.MODEL, reason_of(error), run("rleex model"))
+        remedies: dict[Enum, Reason] = {
+            ModelFault.DAMAGED: run("rleex model --again"),
+            ModelFault.CONFIGURED_MISSING: reason(R.EDIT_SETTINGS, path=home.config),
+        }
+        yield bad(T.MODEL, reason_of(error), remedies.get(error.code, run("rleex model")))
 
 
 def check_cameras(config: Config, devices: Path = Path("/dev")) -> Iterator[Finding]:
@@ -170,7 +174,7 @@ def check_cameras(config: Config, devices: Path = Path("/dev")) -> Iterator[Find
     elif needed:
         yield bad(T.CAMERA, reason(F.CAMERA_MISSING), reason(R.PLUG_IN))
     else:
-        yield note(T.CAMERA, reason(F.CAMERA_NOT_NEEDED, kind=config.camera.kind))
+        yield note(T.CAMERA, reason(F.CAMERA_NOT_NEEDED, kind=Reason(f"camera.{config.camera.kind}")))
 
 
 def check_realsense(config: Config) -> Iterator[Finding]:

@@ -6,6 +6,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 
+from rich.cells import cell_len
 from rich.console import Console
 from rich.markup import escape
 
@@ -22,6 +23,7 @@ class Grade(Enum):
 
 
 _MARKS = {Grade.GOOD: ("✓", "green"), Grade.NOTE: ("·", "yellow"), Grade.BAD: ("✗", "red")}
+_SUBJECT_CELLS = 11  # a longer name of an interface is never cut short
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,8 +57,9 @@ def show(console: Console, findings: Iterable[Finding]) -> bool:
     for finding in findings:
         mark, colour = _MARKS[finding.grade]
         subject = finding.subject if isinstance(finding.subject, str) else tr(finding.subject)
-        console.print(f"[{colour}]{mark}[/] {subject:<11} {escape(render(finding.what))}", soft_wrap=True)
+        subject += " " * (_SUBJECT_CELLS - cell_len(subject))
+        console.print(f"[{colour}]{mark}[/] {subject} {escape(render(finding.what))}", soft_wrap=True)
         if finding.remedy is not None:
-            console.print(f"  {'':<11} → {escape(render(finding.remedy))}", soft_wrap=True)
+            console.print(f"  {'':<{_SUBJECT_CELLS}} → {escape(render(finding.remedy))}", soft_wrap=True)
         well = well and finding.grade is not Grade.BAD
     return well

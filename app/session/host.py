@@ -100,7 +100,7 @@ def make_setup(
         from app.system.configure import record_outside_change  # brings the trail's readers
 
         authority.require(permission)
-        record_outside_change(authority)
+        record_outside_change(home, authority.name, authority.role_name, authority.proof)
     stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
     return SessionSetup(
         session=f"{stamp}-{secrets.token_hex(2)}",
@@ -110,6 +110,7 @@ def make_setup(
         profile=profile,
         operator=authority.name if authority else "",
         role=authority.role_name if authority else "",
+        began_ns=time.monotonic_ns(),
     )
 
 
@@ -139,7 +140,7 @@ class SessionHost:
         self._lease = 0 if setup.host_pid else 1  # 0: has not taken over yet, and can but stop
         # Consoles that have not taken over yet share a lease: the acknowledged STOP of one is none of another.
         self._sequence = time.monotonic_ns() if setup.host_pid else 0
-        self._stops: dict[int, int] = {}  # sequence → when sent, of those that control has not acknowledged
+        self._stops: dict[int, tuple[int, int]] = {}  # sequence → lease, when sent; control has not acknowledged it
         self._heartbeat_s = time.monotonic()
         self._silent = False
         self._closed = False
@@ -210,7 +211,7 @@ class SessionHost:
             self._sequence += 1
             sent_ns = time.monotonic_ns()
             if kind in STOP_KINDS:
-                self._stops[self._sequence] = sent_ns
+                self._stops[self._sequence] = self._lease, sent_ns
             if not self._closed:
                 self._operator.send(
                     OperatorCommand(
@@ -274,9 +275,13 @@ class SessionHost:
         """When the oldest STOP was sent of which control has not said yet that it acts on it; 0: it acts on all."""
         with self._lock:
             for one in messages:
-                if one is not None and one.stop_lease == self._lease:
-                    self._stops = {sent: at for sent, at in self._stops.items() if sent > one.stop_sequence}
-            return min(self._stops.values(), default=0)
+                if one is not None:  # a STOP after the takeover comes behind those before it
+                    self._stops = {
+                        sent: (lease, at_ns)
+                        for sent, (lease, at_ns) in self._stops.items()
+                        if sent > one.stop_sequence or one.stop_lease not in {lease, self._lease}
+                    }
+            return min((at_ns for _, at_ns in self._stops.values()), default=0)
 
     def _launch(self) -> None:
         """A process of its own session, which no terminal's end reaches."""

@@ -181,7 +181,10 @@ def supervise(launch: Launch) -> None:
         share(setup)
         processes.run()
     finally:
-        unshare(setup)
+        try:
+            unshare(setup)
+        except OSError as error:  # who finds the file finds no process any more
+            _log.warning("session file stays", why=str(error))
         processes.close()
         end_links()
         legs.close()

@@ -11,10 +11,11 @@ from typing import Any
 import msgspec
 import tomlkit
 
-from app.system.authority import Authority, Subject
+from app.system.authority import Authority, Proof, Subject
 from app.system.config import Config, ConfigFault, load_config
 from app.system.errors import AppError
-from app.system.operators import Permission
+from app.system.operators import Permission, append_to_journal
+from app.system.paths import Home
 from logs.journal import CHANGES, parts_of
 from logs.read import records
 from logs.reading.errors import cause_of
@@ -58,12 +59,23 @@ def change_config(by: Authority, typed: Mapping[str, str]) -> dict[str, tuple[An
     return changes
 
 
-def record_outside_change(by: Authority) -> None:
-    """Put on record that the file is not as the last change on record left it. Raises AppError, AuditError."""
-    path = by.home.config
-    former, now = _recorded_digest(by.home.logs / CHANGES), _digest(_text(path))
+def record_outside_change(home: Home, operator: str, role: str, proof: Proof) -> None:
+    """Put on record that the file is not as the last change on record left it. Raises AppError, AuditError.
+
+    operator, role, proof: who starts a session, and how that is known.
+    """
+    path = home.config
+    former, now = _recorded_digest(home.logs / CHANGES), _digest(_text(path))
     if now != former and (former is not None or path.exists()):
-        by.record_own(Subject.CONFIGURATION, path.name, {_DIGEST: (former, now)}, reason(ConfigChange.OUTSIDE))
+        change = Change(
+            subject=Subject.CONFIGURATION.value,
+            name=path.name,
+            values={_DIGEST: (former, now)},
+            reason=reason(ConfigChange.OUTSIDE),
+            role=role,
+            proof=proof.value,
+        )
+        append_to_journal(home, change, operator)
 
 
 def _recorded_digest(journal: Path) -> str | None:

@@ -42,6 +42,7 @@ _EPOCH = (1980, 1, 1, 0, 0, 0)  # fixed times make the bundle the same bytes eve
 class ModelFault(Enum):
     """Why there is no usable hand model."""
 
+    CONFIGURED = "configured"
     CONFIGURED_MISSING = "configured, missing"
     MISSING = "missing"
     DAMAGED = "damaged"
@@ -65,10 +66,15 @@ def find_model(home: Home, config: Config) -> Path:
     return path
 
 
-def set_up_model(home: Home, config: Config) -> Path:
-    """Find the model, or download and build it. Raises AppError naming what is missing."""
+def set_up_model(home: Home, config: Config, *, again: bool = False) -> Path:
+    """Find the model, or download and build it. Raises AppError naming what is missing.
+
+    again: build it in place of one that is there, which stays until then.
+    """
     path = home.models / MODEL_NAME
-    if config.model or path.is_file():
+    if again and config.model:
+        raise AppError(ModelFault.CONFIGURED, path=config.model)
+    if config.model or (path.is_file() and not again):
         return find_model(home, config)
     with tempfile.TemporaryDirectory() as folder:
         bundle = build_bundle(_download(Path(folder)))

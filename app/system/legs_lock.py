@@ -11,10 +11,14 @@ import os
 from collections.abc import Iterable
 from contextlib import closing, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from app.system.config import SessionSetup, load_device
 from app.system.errors import AppError
 from app.system.paths import Home, LockFault
+
+if TYPE_CHECKING:
+    from hal.joints.device import Exoskeleton
 
 # Drives are the same to every user and every home of a host. Each folder that can be written to: not every user may
 # write to the first.
@@ -62,8 +66,17 @@ class LegsLock:
 
 def claim_legs(setup: SessionSetup) -> LegsLock:
     """For the host of a new session. Raises AppError while anybody of another one may still command or damp."""
-    setup.home.mkdir(parents=True, exist_ok=True)
-    lock = LegsLock(lock_paths(setup))
+    return _claim(Home(setup.home), lock_paths(setup))
+
+
+def claim_buses(home: Home, device: Exoskeleton) -> LegsLock:
+    """For a command that asks the drives. Raises AppError while a session has this home or one of these buses."""
+    return _claim(home, (home.legs_lock, *_bus_locks(device)))
+
+
+def _claim(home: Home, paths: Iterable[Path]) -> LegsLock:
+    home.root.mkdir(parents=True, exist_ok=True)
+    lock = LegsLock(paths)
     lock.take_alone()
     return lock
 
@@ -89,10 +102,13 @@ def lock_paths(setup: SessionSetup) -> tuple[Path, ...]:
         return at_home
     from hal.joints.can.bus import with_bus  # brings python-can: not before the console's first paint
 
-    device = with_bus(load_device(joints), joints.interface, joints.channel)
+    return (*at_home, *_bus_locks(with_bus(load_device(joints), joints.interface, joints.channel)))
+
+
+def _bus_locks(device: Exoskeleton) -> tuple[Path, ...]:
     folders = [one for one in HOST_FOLDERS if os.access(one, os.W_OK)] or HOST_FOLDERS[-1:]
     buses = dict.fromkeys(f"rleex-{bus.interface}-{bus.channel}".replace("/", "-") for bus in device.buses)
-    return (*at_home, *(folder / f"{bus}.lock" for folder in folders for bus in buses))
+    return tuple(folder / f"{bus}.lock" for folder in folders for bus in buses)
 
 
 def _open(path: Path) -> int:
@@ -104,8 +120,11 @@ def _open(path: Path) -> int:
 
 def _holders(handle: int) -> list[int]:
     """The processes that hold a lock on an open file; empty where the kernel does not tell."""
-    inode = str(os.fstat(handle).st_ino)
+    file = os.fstat(handle)
+    name = f"{os.major(file.st_dev):02x}:{os.minor(file.st_dev):02x}:{file.st_ino}"
     with suppress(OSError):
         rows = [line.split() for line in _HELD.read_text(encoding="ascii").splitlines()]
-        return [int(row[4]) for row in rows if row[1] == "FLOCK" and row[5].rsplit(":", 1)[-1] == inode]
+        found = [row for row in rows if row[1] == "FLOCK" and row[5].rsplit(":", 1)[-1] == str(file.st_ino)]
+        here = [row for row in found if row[5] == name]
+        return [int(row[4]) for row in here or found]  # btrfs gives a file another device than its locks
     return []

@@ -149,12 +149,12 @@ def _hasher() -> argon2.PasswordHasher:
 def sign_in(store: OperatorStore, name: str, pin: str, now_s: float) -> SignInResult:
     """Try a name and a PIN at a wall-clock time in seconds. A name that doesn't exist costs the same time.
 
-    Too many wrong PINs lock a name until an engineer gives it another PIN; the last engineer only waits.
+    Too many wrong PINs lock a name (`is_locked`); names that don't exist only wait, since nobody could open them.
     """
     operator = store.find(name)
     wait_s = (operator.wait_until_s if operator else store.stranger_wait_until_s) - now_s
     failures = operator.failures if operator else store.stranger_failures
-    if failures >= LOCKS_AFTER and not (operator and _is_last_engineer(store, operator)):
+    if operator is not None and is_locked(store, operator):
         return SignInResult(store=store, operator=None, fault=OperatorFault.LOCKED, failures=failures)
     if wait_s > 0:
         wait_s = min(wait_s, LONGEST_WAIT_S)  # a clock set back must not lock anybody out for years
@@ -166,6 +166,11 @@ def sign_in(store: OperatorStore, name: str, pin: str, now_s: float) -> SignInRe
         store = replace(store, stranger_failures=0, stranger_wait_until_s=0.0)
         return SignInResult(store=_with(store, fresh), operator=fresh)
     return _failed(store, operator, failures + 1, now_s)
+
+
+def is_locked(store: OperatorStore, operator: Operator) -> bool:
+    """Whether it takes another PIN, given by an engineer, to let them in again; the last engineer only waits."""
+    return operator.failures >= LOCKS_AFTER and not _is_last_engineer(store, operator)
 
 
 def wait_after(failures: int) -> float:

@@ -280,3 +280,19 @@ def test_a_check_of_the_caller_can_refuse_a_save(patient: Profile, at: datetime,
     with pytest.raises(ProfileError, match="stairs"):
         store.save(changed(patient, gait=GaitParameters(stair_rise_m=0.25)), by=Named("anna"), at=at)
     assert store.load("P-0042").gait.stair_rise_m == 0.12
+
+
+def test_a_profile_that_fits_no_longer_is_still_archived_annotated_and_calibrated(
+    patient: Profile, at: datetime, tmp_path: Path
+) -> None:
+    def never(_: Profile) -> None:
+        raise ProfileError(ProfileFault.OUT_OF_RANGE, field="stairs")
+
+    ProfileStore(tmp_path).create(patient, by=Named("anna"), at=at)
+    store = ProfileStore(tmp_path, checks=(never,))
+    kept = changed(patient, note="old leg", press_threshold_m=0.25, palm=Palm(measured_width_m=0.08))
+    store.save(kept, by=Named("anna"), at=at)
+    store.archive("P-0042", by=Named("anna"), at=at)
+    assert store.load("P-0042") == changed(kept, archived=True)
+    with pytest.raises(ProfileError, match="stairs"):
+        store.save(changed(kept, mass_kg=71.5), by=Named("anna"), at=at)

@@ -21,6 +21,7 @@ from app.perception.palm_calibration import WANTED_SAMPLES, PalmSampler
 from app.system.paths import Home
 from hal.cameras.intrinsics import assumed
 from hal.errors import CameraFault, HardwareError
+from profiles.errors import ProfileError, ProfileFault
 from profiles.schema import DEMO_PATIENT, Profile
 from profiles.store import ProfileStore
 from testing.authors import Named
@@ -61,3 +62,16 @@ def test_what_others_change_while_a_palm_is_held_before_the_camera_is_kept(
     assert done.exit_code == 0, done.output
     kept = store.load("demo")
     assert ([one.camera for one in kept.calibrations], kept.note) == (["grey"], "left side weak")
+
+
+@pytest.mark.parametrize(
+    "command", ["new P-1 --sex male --stature 170 --mass 70 identifier=P-9", "set demo identifier=P-9"]
+)
+def test_a_field_names_no_other_patient(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str) -> None:
+    place = Home(tmp_path / "home")
+    place.root.mkdir()
+    monkeypatch.setenv("RLEEX_HOME", str(place.root))
+    done = CliRunner().invoke(tree(), ["profile", *command.split()])
+    assert isinstance(done.exception, ProfileError), done.output
+    assert done.exception.code is ProfileFault.IDENTIFIER_FIXED
+    assert not list(place.profiles.glob("*.toml"))

@@ -7,18 +7,21 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from rich.cells import cell_len
+from rich.console import Console
 from typer.testing import CliRunner
 
 from app.cli import cli
 from app.diagnostics import doctor
 from app.diagnostics.can_doctor import CanFinding, CanRemedy
 from app.diagnostics.doctor import DoctorFinding as F
-from app.diagnostics.findings import Finding, Grade
+from app.diagnostics.findings import Finding, Grade, note, show
 from app.system.config import CameraConfig, Config, JointsConfig
+from app.system.hand_model import MODEL_NAME
 from app.system.paths import Home
-from app.text.catalogue import knows, render
+from app.text.catalogue import knows, render, tr, use_language
 from hal.inputs.device import Contact, ContactReading, InputDevice, InputRole
-from logs.reason import key_of
+from logs.reason import Reason, key_of, reason
 
 
 def one(findings: Iterator[Finding]) -> Finding:
@@ -40,6 +43,15 @@ def test_a_missing_model_is_bad_and_mended_by_its_command(tmp_path: Path) -> Non
     assert (finding.grade, finding.remedy) == (Grade.BAD, doctor.run("rleex model"))
 
 
+def test_a_model_that_is_damaged_or_wrongly_named_has_a_remedy_of_its_own(tmp_path: Path) -> None:
+    home = Home(tmp_path)
+    home.models.mkdir()
+    (home.models / MODEL_NAME).write_bytes(b"damaged")
+    assert one(doctor.check_model(home, Config())).remedy == doctor.run("rleex model --again")
+    named = one(doctor.check_model(home, Config(model=str(tmp_path / "none.task"))))
+    assert named.remedy == reason(doctor.Remedy.EDIT_SETTINGS, path=home.config)
+
+
 def test_a_webcam_that_is_named_but_missing_is_bad(tmp_path: Path) -> None:
     wanted = Config(camera=CameraConfig(kind="webcam"))
     assert one(doctor.check_cameras(wanted, tmp_path)).grade is Grade.BAD
@@ -49,6 +61,23 @@ def test_a_webcam_that_is_named_but_missing_is_bad(tmp_path: Path) -> None:
 def test_a_webcam_that_is_there_is_good(tmp_path: Path) -> None:
     (tmp_path / "video0").touch()
     assert one(doctor.check_cameras(Config(), tmp_path)).grade is Grade.GOOD
+
+
+def test_without_a_webcam_the_camera_in_use_is_named_in_the_language_in_use(tmp_path: Path) -> None:
+    finding = one(doctor.check_cameras(Config(), tmp_path))
+    assert "the digital hand" in rendered(finding)
+    use_language("zh")
+    assert "数字手" in rendered(finding)
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_findings_stand_in_a_column(language: str, capsys: pytest.CaptureFixture[str]) -> None:
+    use_language(language)
+    what = Reason("camera.good")
+    show(Console(width=200), [note(subject, what) for subject in (*doctor.Subject, "slcan-left-hip")])
+    *lines, longer = capsys.readouterr().out.splitlines()
+    assert {cell_len(line.removesuffix(tr("camera.good"))) for line in lines} == {14}
+    assert "slcan-left-hip " in longer
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may open everything")

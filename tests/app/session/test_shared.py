@@ -17,9 +17,9 @@ import pytest
 from msgspec.structs import replace
 
 from app.ipc.links import Publisher, address, new_link_directory
-from app.ipc.messages import ControlSnapshot, OperatorKind
+from app.ipc.messages import ControlSnapshot, OperatorKind, ProcessStatus, SessionStatus
 from app.ipc.states import Effect
-from app.ipc.streams import SNAPSHOT, LinkDirectory
+from app.ipc.streams import SESSION, SNAPSHOT, LinkDirectory
 from app.session.host import SessionHost, make_setup
 from app.session.shared import Peer, current_lease, held_session, share, shared, start_of, take_lease, unshare
 from app.system.config import Config, SessionSetup
@@ -27,6 +27,8 @@ from app.system.errors import AppError
 from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT
 from testing.fake_host import STANDING
+
+ALIVE = ProcessStatus(name="control", pid=1, alive=True, restarts=0, exit_code=None)
 
 
 @pytest.fixture
@@ -97,6 +99,33 @@ def test_the_acknowledged_stop_of_an_earlier_console_is_none_of_a_later_one(tmp_
         later.send(OperatorKind.STOP)
         assert waits_after(control, snapshot(acted_on), earlier) == 0
         assert waits_after(control, snapshot(acted_on), later) > 0
+    shutil.rmtree(made.links.path)
+
+
+@pytest.mark.parametrize("after", [False, True])
+def test_a_stop_from_before_the_takeover_is_acknowledged_after_it(tmp_path: Path, after: bool) -> None:
+    made = make_setup(Home(tmp_path), Config(), DEMO_PATIENT, None)
+    setup = msgspec.structs.replace(made, host_pid=os.getpid())
+    take_lease(setup.links)
+    with (
+        closing(Publisher(address(setup.links, SNAPSHOT.name))) as control,
+        closing(Publisher(address(setup.links, SESSION.name))) as session,
+        console_of(setup) as console,
+        ThreadPoolExecutor(1) as pool,
+    ):
+        acted_on = replace(snapshot(console.send(OperatorKind.STOP)), sequence=1)
+        begun, limit_s = pool.submit(console.start), time.monotonic() + 30.0
+        while not begun.done():
+            assert time.monotonic() < limit_s
+            session.send(SessionStatus(at_ns=time.monotonic_ns(), processes=(ALIVE,)))
+        begun.result()
+        again = console.send(OperatorKind.STOP)
+        if after:  # only the newer STOP of the two is heard of
+            acted_on = replace(acted_on, stop_lease=2, stop_sequence=again)
+            assert waits_after(control, acted_on, console) == 0
+        else:
+            first = waits_after(control, replace(acted_on, sequence=2, stop_sequence=0), console)
+            assert 0 < first < waits_after(control, acted_on, console)
     shutil.rmtree(made.links.path)
 
 

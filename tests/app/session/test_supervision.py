@@ -2,15 +2,26 @@
 
 from __future__ import annotations
 
+import os
+import signal
+import subprocess
+import sys
+import time
 from itertools import pairwise
 from multiprocessing.process import BaseProcess
+from pathlib import Path
 from typing import cast
 
 import pytest
 
 from app.audit.process import GIVE_UP_S
 from app.session.child import BACK_OFF_S, FIRST_REPORT_S, SILENCE_S, STEADY_S, Supervisor
+from app.session.host import make_setup
+from app.session.shared import Launch, encode, take_lease
 from app.session.supervise import end_child
+from app.system.config import Config
+from app.system.paths import Home
+from profiles.schema import DEMO_PATIENT
 
 
 def test_a_reporting_perception_is_left_alone() -> None:
@@ -86,3 +97,25 @@ def test_a_process_that_does_not_end_is_killed_audit_long_after_it_gives_up_by_i
     end_child(name, cast("BaseProcess", child))
     assert not child.is_alive()
     assert child.killed is killed
+
+
+def test_a_session_ends_in_order_though_its_file_can_not_be_removed(tmp_path: Path) -> None:
+    home = Home(tmp_path / "home")
+    setup = make_setup(home, Config(), DEMO_PATIENT, None)
+    take_lease(setup.links)
+    launch = Launch(setup=setup, entry="app.session.child:run_process", order=())
+    command = [sys.executable, "-m", "app.session.supervise"]
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    with subprocess.Popen(command, stdin=subprocess.PIPE, env=environment) as process:
+        assert process.stdin is not None
+        process.stdin.write(encode(launch))
+        process.stdin.close()
+        limit_s = time.monotonic() + 60.0
+        while not home.session_file.exists():
+            assert time.monotonic() < limit_s
+            time.sleep(0.01)
+        home.session_file.unlink()
+        home.session_file.mkdir()
+        process.send_signal(signal.SIGTERM)
+        assert process.wait(60.0) == 0
+    assert not setup.links.path.exists()

@@ -112,6 +112,29 @@ def test_drives_are_the_same_to_a_user_who_may_not_write_to_the_first_folder(
     claim_legs(there).close()
 
 
+@pytest.mark.parametrize(("device", "holders"), [("", "7"), ("00:2a", "7, 8")])
+def test_a_lock_on_another_device_is_none_of_this_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, device: str, holders: str
+) -> None:
+    """device: of the lock as the kernel names it, where it is not the file's."""
+    path = tmp_path / "legs.lock"
+    held = LegsLock([path])
+    held.take_alone()
+    file = path.stat()
+    device = device or f"{os.major(file.st_dev):02x}:{os.minor(file.st_dev):02x}"
+    rows = [
+        f"{one}: FLOCK  ADVISORY  WRITE {pid} {where}:{file.st_ino} 0 EOF"
+        for one, pid, where in ((1, 7, device), (2, 8, "00:2b"))
+    ]
+    kernel = tmp_path / "locks"
+    kernel.write_text("\n".join(rows))
+    monkeypatch.setattr(legs_lock, "_HELD", kernel)
+    with pytest.raises(AppError) as refused:
+        LegsLock([path]).take_alone()
+    assert refused.value.values["pid"] == holders
+    held.close()
+
+
 def test_a_file_of_another_user_serves_and_a_link_is_refused(tmp_path: Path) -> None:
     file, link = tmp_path / "file", tmp_path / "link"
     file.touch(mode=0o444)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -25,6 +26,7 @@ from app.system.operators import (
     add_operator,
     change_pin,
     disable_operator,
+    is_locked,
     load_store,
     needs_sign_in,
     save_store,
@@ -32,6 +34,7 @@ from app.system.operators import (
     try_pin,
     wait_after,
 )
+from app.system.paths import Home
 from logs.journal import CHANGES, OPERATORS
 from logs.keys import by_fingerprint, known_keys
 from logs.read import records
@@ -83,7 +86,9 @@ def test_failures_wait_longer_and_longer_and_a_wait_is_not_cut_short(store: Oper
     assert waits == sorted(waits)
     assert waits[-1] == LONGEST_WAIT_S
     locked = sign_in(store, name, OTHER_PIN, now_s)
-    assert (locked.operator, locked.fault) == (None, OperatorFault.LOCKED)
+    fault = OperatorFault.LOCKED if name == "Tom" else OperatorFault.WRONG_NAME_OR_PIN
+    assert (locked.operator, locked.fault) == (None, fault)
+    assert [one.name for one in store.operators if is_locked(store, one)] == ["Tom"] * (name == "Tom")
     found = sign_in(change_pin(store, "Tom", PIN), "Tom", PIN, now_s)
     assert (found.operator is not None, found.store.stranger_failures) == (True, 0)
 
@@ -167,6 +172,16 @@ def test_the_store_is_kept_private_and_comes_back(tmp_path: Path, store: Operato
     (tmp_path / "operators.json").write_text("{")
     with pytest.raises(AppError, match="STORE_UNREADABLE"):
         load_store(tmp_path)
+
+
+def test_the_list_shows_who_is_locked_or_disabled(tmp_path: Path, store: OperatorStore) -> None:
+    failed = [msgspec.structs.replace(one, failures=LOCKS_AFTER) for one in store.operators]
+    for enabled, word in ((True, "locked"), (False, "disabled")):
+        eva, tom = failed[0], msgspec.structs.replace(failed[1], enabled=enabled)
+        save_store(Home(tmp_path).keys, OperatorStore(operators=(eva, tom)))
+        printed = CliRunner().invoke(cli, ["operator", "list", "--home", str(tmp_path)]).output
+        states = {name: word in line for line in printed.splitlines() for name in ("Eva", "Tom") if name in line}
+        assert states == {"Eva": False, "Tom": True}, printed  # the last engineer only waits
 
 
 def test_operators_are_managed_from_the_command_line_and_all_of_it_is_recorded(
