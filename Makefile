@@ -6,6 +6,7 @@ BIN := $(VENV)/bin
 STAMP := $(VENV)/.installed
 DEV_STAMP := $(VENV)/.installed-dev
 DATA ?= ../shared/data
+export RLEEX_TEST_DATA ?= $(abspath $(DATA))
 export TF_CPP_MIN_LOG_LEVEL ?= 3
 # A session starts five interpreters: let them read compiled modules.
 unexport PYTHONDONTWRITEBYTECODE
@@ -13,6 +14,8 @@ unexport PYTHONDONTWRITEBYTECODE
 # A third of the tests' time is waiting, for screens and threads; collecting all tests only to choose takes long, too.
 WORKERS = $(shell echo $$(($$(nproc) * 3 / 2)))
 SERIAL = $(shell grep -rlF pytest.mark.serial --include='test_*.py' tests)
+# A test that hangs ends its worker after a while (pyproject.toml); a new worker would begin with it again.
+PYTEST = $(BIN)/python -m pytest -q --max-worker-restart 0
 
 .PHONY: run demo test test-can test-spark check lock evaluate bench mutation coverage pictures system model clean
 
@@ -23,8 +26,8 @@ demo: model
 	@$(BIN)/rleex demo
 
 test: check model
-	@$(BIN)/python -m pytest -q -m "not serial" -n $(WORKERS) --dist loadfile
-	@$(BIN)/python -m pytest -q -m serial -n 2 --dist loadgroup $(SERIAL)
+	@$(PYTEST) -m "not serial" -n $(WORKERS) --dist loadfile
+	@$(PYTEST) -m serial -n 2 --dist loadgroup $(SERIAL)
 	@tools/test-can
 	@tools/test-spark
 
@@ -37,7 +40,7 @@ check: $(DEV_STAMP)
 test-can: $(DEV_STAMP) model
 	@tools/test-can
 
-# Spark and Java come to a machine through this target only.
+# Spark and Java come to a machine through this and `make test` only.
 test-spark: $(DEV_STAMP)
 	@tools/test-spark
 
@@ -73,8 +76,10 @@ system:
 
 INSTALL := $(BIN)/python -m pip install --quiet --disable-pip-version-check --no-deps
 
+# An interrupted venv has no pip: it is made anew.
 $(STAMP): requirements.lock pyproject.toml | system
-	@test -x $(BIN)/python || $(PY) -m venv $(VENV)
+	@$(BIN)/python -c 'import pip, sys; sys.exit(sys.version_info < (3, 11))' 2>/dev/null \
+	    || $(PY) -m venv --clear $(VENV)
 	@echo "Setting up $(VENV) (once) …"
 	@$(INSTALL) --require-hashes -r requirements.lock
 	@$(INSTALL) --no-build-isolation -e .

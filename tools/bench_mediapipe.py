@@ -58,7 +58,7 @@ def main() -> None:
     """A line for each way."""
     home = find_home(None)
     model = find_model(home, load_config(home.config)).read_bytes()
-    images, _ = frames_for_speed(Path(sys.argv[1]) if len(sys.argv) > 1 else None, FRAMES)
+    images, *_ = frames_for_speed(Path(sys.argv[1]) if len(sys.argv) > 1 else None, FRAMES)
     cores = os.sched_getaffinity(0)
     reference: list[FloatArray | None] = []
     print("way           CPU ms  of it image  keypoints differ by")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import pty
 import re
+import subprocess
 import sys
 import termios
 import time
@@ -49,6 +50,7 @@ REFUSED = (AuthorityFault.SIGN_IN_NEEDED, AuthorityFault.NO_OPERATORS)
 CHANGES: dict[str, tuple[Permission, tuple[str, ...]]] = {
     "camera calibrate": (Permission.CALIBRATE, ()),
     "can doctor": (Permission.CONFIGURE, ()),  # asks the drives, unless it only listens
+    "can monitor": (Permission.CONFIGURE, ("--ask",)),  # disables drives that are enabled
     "can scan": (Permission.CONFIGURE, ()),  # disables drives that are enabled
     "can zero": (Permission.CONFIGURE, ()),
     "configure": (Permission.CONFIGURE, ()),
@@ -89,7 +91,7 @@ READS = frozenset(
             )
         ),
         *(f"camera {name}" for name in ("compare", "list", "show")),
-        *(f"can {name}" for name in ("decode", "monitor", "record")),
+        *(f"can {name}" for name in ("decode", "record")),
         *(f"profile {name}" for name in ("export", "history", "list", "show")),
         *(f"recording {name}" for name in ("info", "schema", "verify")),
         "demo",  # simulated joints, or emulated drives on a bus of its own
@@ -206,7 +208,7 @@ def test_a_role_without_the_right_is_refused_and_one_with_it_goes_on(
 _require = Authority.require
 
 
-@pytest.mark.parametrize("name", sorted(READS - {"run", "demo", "joints", "can monitor", "can record"}))
+@pytest.mark.parametrize("name", sorted(READS - {"run", "demo", "joints", "can record"}))
 def test_reading_asks_nobody_and_changes_nothing(clinic: Home, name: str) -> None:
     before = files(clinic)
     try:
@@ -405,22 +407,40 @@ def test_wrong_pins_are_counted_recorded_and_lock_over_restarts(clinic: Home, mo
     assert operators.try_pin(clinic.keys, "Ben", "135790", now_s).operator is not None
 
 
+AT_ITS_TERMINAL = """
+import fcntl, termios
+from app.cli import main
+fcntl.ioctl(0, termios.TIOCSCTTY, 0)
+main()
+"""
+
+
 def at_a_terminal(home: Home, name: str, pin: str) -> tuple[int, str]:
     """`rleex profile archive demo` as a process of its own at a terminal of its own; its status and what it printed."""
-    command = [sys.executable, "-c", "from app.cli import main; main()", "profile", "archive", "demo"]
-    child, ours = pty.fork()
-    if child == 0:
-        os.execve(command[0], [*command, "--home", str(home.root)], os.environ | {"PYTHONPATH": str(ROOT)})
+    ours, theirs = pty.openpty()
+    child = subprocess.Popen(
+        [sys.executable, "-c", AT_ITS_TERMINAL, "profile", "archive", "demo", "--home", str(home.root)],
+        stdin=theirs,
+        stdout=theirs,
+        stderr=theirs,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        start_new_session=True,
+    )
+    os.close(theirs)
     answers, printed = [name, pin], ""
-    with in_time(60):
-        while text := _read(ours):
-            printed += text
-            if answers and printed.rstrip().endswith(":"):
-                while len(answers) == 1 and termios.tcgetattr(ours)[3] & termios.ECHO:
-                    time.sleep(0.01)  # what is typed before its echo is off is discarded
-                os.write(ours, answers.pop(0).encode() + b"\n")
-    os.close(ours)
-    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), printed
+    try:
+        with in_time(60):
+            while text := _read(ours):
+                printed += text
+                if answers and printed.rstrip().endswith(":"):
+                    while len(answers) == 1 and termios.tcgetattr(ours)[3] & termios.ECHO:
+                        time.sleep(0.01)  # what is typed before its echo is off is discarded
+                    os.write(ours, answers.pop(0).encode() + b"\n")
+            return child.wait(), printed
+    finally:
+        child.kill()
+        child.wait()
+        os.close(ours)
 
 
 def _read(terminal: int) -> str:

@@ -1,4 +1,4 @@
-"""Drives, control and guardian as three processes on udp_multicast: control is killed, the guardian's frames save."""
+"""Drives, control and guardian as three processes on a local bus: control is killed, the guardian's frames save."""
 
 from __future__ import annotations
 
@@ -57,8 +57,7 @@ def until(condition: Callable[[], bool]) -> None:
 
 
 def test_the_guardian_saves_the_wearer_of_drives_whose_control_was_killed() -> None:
-    channel = f"239.74.163.2:{random.SystemRandom().randrange(20_000, 60_000)}"
-    device = with_bus(load_exoskeleton(), "udp_multicast", channel)
+    device = with_bus(load_exoskeleton(), "local", str(random.SystemRandom().randrange(20_000, 60_000)))
     spawning = multiprocessing.get_context("spawn")
     ready, stop, pushing = spawning.Event(), spawning.Event(), spawning.Event()
     drives = spawning.Process(target=run_emulator, args=(device,), kwargs={"ready": ready, "stop": stop}, daemon=True)

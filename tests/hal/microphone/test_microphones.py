@@ -33,9 +33,19 @@ def test_a_file_is_read_in_blocks_as_long_as_they_last_and_ends(tmp_path: Path) 
     assert microphone.read() == samples[2 * BLOCK_SAMPLES :]
     with pytest.raises(HardwareError) as raised:
         microphone.read()
-    assert raised.value.code is MicrophoneFault.GONE
+    assert raised.value.code is MicrophoneFault.RECORDING_ENDED
     assert len(waits) == 3
     microphone.close()
+    microphone.close()
+
+
+def test_a_recording_may_be_named_from_the_users_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    samples = bytes([1, 2]) * BLOCK_SAMPLES
+    write_wav(tmp_path / "a.wav", samples)
+    microphone = make_microphone(VoiceConfig(kind="recording", device="~/a.wav"), lambda: None)
+    microphone.open()
+    assert microphone.read() == samples
     microphone.close()
 
 
