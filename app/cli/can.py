@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import sys
 import time
+from collections.abc import Iterator
+from contextlib import ExitStack, closing, contextmanager
 from functools import partial
 from pathlib import Path
 from typing import Annotated
@@ -18,15 +20,18 @@ from app.cli.drive_table import decoded_line, monitor_table, summary_table
 from app.cli.permission import sign_in
 from app.diagnostics.findings import show
 from app.system.authority import Subject
+from app.system.legs_lock import claim_buses
 from app.system.operators import Permission
+from app.system.paths import find_home
 from app.text.catalogue import tr
-from hal.errors import CanFault, DeviceFault, HardwareError
+from hal.errors import DeviceFault, HardwareError
 from hal.joints.can.bus import open_bus, with_bus
-from hal.joints.can.candump import BusRecorder, LogSummary, decode_frame, messages_of, open_log
-from hal.joints.can.drive import drives_of
-from hal.joints.can.scan import BusMonitor
+from hal.joints.can.candump import LogDecoder, LogSummary, messages_of, open_log
+from hal.joints.can.recorder import BusRecorder
+from hal.joints.can.scan import BusMonitor, listen
 from hal.joints.can.scan import scan as scan_bus
 from hal.joints.device import DEFAULT_DEVICE, JOINT_NAMES, Exoskeleton, Joint, load_exoskeleton
+from logs.disk import FLOOR_BYTES
 
 cli = typer.Typer(no_args_is_help=True)
 
@@ -49,6 +54,16 @@ def _joint(name: str) -> Joint:
     return Joint[wanted]
 
 
+@contextmanager
+def _alone(home: Path | None, device: Exoskeleton) -> Iterator[None]:
+    """Nobody else has the drives: no session, and nobody who sends. Raises AppError, HardwareError."""
+    with closing(claim_buses(find_home(home), device)):
+        for bus in device.buses:
+            with open_bus(bus) as opened:
+                listen(opened).check_still(bus.channel)
+        yield
+
+
 @cli.command()
 def scan(
     interface: Interface = "",
@@ -58,8 +73,6 @@ def scan(
     home: HomeOption = None,
 ) -> None:
     """List the drives that reply, with their protocol. It disables enabled drives, so it refuses a bus in use."""
-    from hal.joints.can.scan import listen
-
     sign_in(home, Permission.CONFIGURE)
     console = Console()
     columns = ("bus", "id", "protocol", "answers", "detail")
@@ -67,13 +80,13 @@ def scan(
     for bus in _device(device, interface, channel).buses:
         with open_bus(bus) as opened, console.status(tr("can.listening", bus=bus.channel)) as status:
             traffic = listen(opened)
-            if traffic.busy and not force:
-                raise HardwareError(CanFault.BUS_IN_USE, bus=bus.channel, frames=traffic.frames)
+            if not force:
+                traffic.check_still(bus.channel)
 
             def show(protocol: str, drive_id: int) -> None:
                 status.update(tr("can.asking", protocol=protocol, can_id=drive_id))
 
-            for drive in scan_bus(opened, watch=show):
+            for drive in scan_bus(opened, uploads=traffic.uploads, watch=show):
                 several = tr("can.several", drives=drive.answers) if drive.answers > 1 else "1"
                 detail = tr(drive.code, **drive.values)
                 table.add_row(bus.channel, str(drive.drive_id), drive.protocol, several, detail)
@@ -88,20 +101,25 @@ def monitor(
     device: Device = None,
     motors: Motors = None,
     seconds: Seconds = 0.0,
+    ask: Annotated[bool, typer.Option("--ask", help="Ask the drives where they are: disables enabled drives.")] = False,
+    home: HomeOption = None,
 ) -> None:
-    """Show a live table of the drives' reports and commands; sends nothing."""
+    """Show a live table of the drives' reports and commands; sends nothing without --ask."""
     console = Console()
-    watched = BusMonitor(_device(device, interface, channel), motors)
-    end_s = time.monotonic() + seconds if seconds else float("inf")
-    try:
-        with Live(console=console, auto_refresh=False) as live:
-            while time.monotonic() < end_s:
-                watched.poll(0.2)
-                live.update(monitor_table(watched), refresh=True)
-    except KeyboardInterrupt:
-        pass
-    finally:
-        watched.close()
+    described = _device(device, interface, channel)
+    with ExitStack() as stack:
+        if ask:
+            sign_in(home, Permission.CONFIGURE)
+            stack.enter_context(_alone(home, described))
+        watched = stack.enter_context(closing(BusMonitor(described, motors, ask=ask)))
+        end_s = time.monotonic() + seconds if seconds else float("inf")
+        try:
+            with Live(console=console, auto_refresh=False) as live:
+                while time.monotonic() < end_s:
+                    watched.poll(0.2)
+                    live.update(monitor_table(watched), refresh=True)
+        except KeyboardInterrupt:
+            pass
 
 
 @cli.command()
@@ -127,18 +145,19 @@ def doctor(
 @cli.command()
 def decode(
     file: Annotated[Path, typer.Argument(help="A candump log, also .gz, also cut in half.")],
+    channel: Channel = "",
     device: Device = None,
     motors: Motors = None,
     joint: Annotated[str, typer.Option(help="Only this joint, e.g. left_knee.")] = "",
     summary: Annotated[bool, typer.Option("--summary", help="Only the summary.")] = False,
 ) -> None:
     """Decode a recorded bus into joint values, frame by frame, with a summary of gaps and faults."""
-    drives = drives_of(_device(device, "", ""), motors)
+    decoder = LogDecoder(_device(device, "", channel), motors)
     wanted = _joint(joint) if joint else None
     totals = LogSummary()
     with open_log(file) as log:
         for message in messages_of(log, totals):
-            decoded = decode_frame(message, drives)
+            decoded = decoder.decode(message)
             totals.add(decoded)
             if not summary and (wanted is None or decoded.joint is wanted):
                 sys.stdout.write(f"{decoded_line(decoded)}\n")
@@ -155,7 +174,7 @@ def record(
 ) -> None:
     """Record everything on the bus as candump would. A session on CAN does this by itself, beside its audit log."""
     console = Console()
-    recorder = BusRecorder(_device(device, interface, channel), file)
+    recorder = BusRecorder(_device(device, interface, channel), file, floor_bytes=FLOOR_BYTES)
     end_s = time.monotonic() + seconds if seconds else float("inf")
     try:
         with console.status(tr("can.recording", path=file)):
@@ -178,19 +197,23 @@ def zero(
 ) -> None:
     """Set a joint's zero at its present pose. You confirm twice; the joint must be still and disabled."""
     from hal.joints.can.driver import SocketCanJoints
-    from hal.joints.can.lifecycle import request_zero, set_zero
+    from hal.joints.can.lifecycle import LOSE_ZERO, request_zero, set_zero
 
     by = sign_in(home, Permission.CONFIGURE)
     wanted = _joint(joint)
-    joints = SocketCanJoints(_device(device, interface, channel), motors=motors)
-    joints.open(time.monotonic_ns())
-    try:
-        typer.confirm(tr("can.zero_pose", joint=wanted), abort=True)
-        request = request_zero(joints, wanted)
-        question = tr("can.zero_confirm", angle_rad=request.angle_rad, code=request.code)
-        values = {"zero_rad": (0.0, request.angle_rad)}
-        permit = partial(by.change, Permission.CONFIGURE, Subject.JOINT, wanted.name.lower(), values)
-        angle_rad = set_zero(joints, request, typer.prompt(question), permit)
-        typer.echo(tr("can.zero_done", angle_rad=angle_rad))
-    finally:
-        joints.close(time.monotonic_ns())
+    described = _device(device, interface, channel)
+    joints = SocketCanJoints(described, motors=motors)
+    with _alone(home, described):
+        joints.open(time.monotonic_ns())
+        try:
+            typer.confirm(tr("can.zero_pose", joint=wanted), abort=True)
+            request = request_zero(joints, wanted)
+            question = tr("can.zero_confirm", angle_rad=request.angle_rad, code=request.code)
+            values = {"zero_rad": (0.0, request.angle_rad)}
+            permit = partial(by.change, Permission.CONFIGURE, Subject.JOINT, wanted.name.lower(), values)
+            angle_rad = set_zero(joints, request, typer.prompt(question), permit)
+            typer.echo(tr("can.zero_done", angle_rad=angle_rad))
+            if joints.drives[wanted].model.protocol in LOSE_ZERO:
+                typer.echo(tr("can.zero_temporary"))
+        finally:
+            joints.close(time.monotonic_ns())

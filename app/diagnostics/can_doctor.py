@@ -127,7 +127,7 @@ def evaluate_link(link: dict[str, Any], bus: BusDevice) -> Iterator[Finding]:
         yield bad(subject, reason(F.DOWN), run(remedy_command(bus, exists=True)))
         return
     kind = link.get("linkinfo", {}).get("info_kind", "")
-    if kind == "vcan":
+    if kind in ("vcan", "vxcan"):
         yield good(subject, F.VIRTUAL)
         return
     yield from _evaluate_controller(link.get("linkinfo", {}).get("info_data", {}), bus)
@@ -179,7 +179,7 @@ def _examine_traffic(
     if not ask:
         yield good(subject, F.QUIET)
         return
-    found = scan(bus)
+    found = scan(bus, uploads=traffic.uploads)
     try:
         yield from evaluate_drives(device, number, found, motors)
     except HardwareError as error:

@@ -14,7 +14,8 @@ from app.system.paths import Home
 from app.system.scheduling import set_scheduling
 from hal.errors import HardwareError
 from hal.joints.can.bus import with_bus
-from hal.joints.can.candump import BusRecorder
+from hal.joints.can.recorder import BusRecorder
+from logs.disk import FLOOR_BYTES
 from logs.reason import reason, reason_of
 from logs.records import Note, ProcessEnd, ProcessStart
 
@@ -33,7 +34,7 @@ def log_path(home: Home, session: str) -> Path:
 
 
 def run_bus_log(setup: SessionSetup) -> None:
-    """Record until asked to end or orphaned. A bus that can't be opened is noted in the audit trail."""
+    """Record until asked to end or orphaned. What can't be opened or written is noted in the audit trail."""
     sink = AuditSink(setup.links, "bus log", setup.operator)
     asked: list[int] = []  # signals to end that came
     signal.signal(signal.SIGTERM, lambda number, _: asked.append(number))
@@ -55,5 +56,5 @@ def _record(setup: SessionSetup, asked: list[int]) -> None:
     device = load_device(chosen)
     home.logs.mkdir(parents=True, exist_ok=True, mode=0o700)
     buses = with_bus(device, chosen.interface, chosen.channel)
-    with closing(BusRecorder(buses, log_path(home, setup.session))) as recorder:
+    with closing(BusRecorder(buses, log_path(home, setup.session), floor_bytes=FLOOR_BYTES)) as recorder:
         recorder.run(lambda: bool(asked) or setup.orphaned)

@@ -65,6 +65,10 @@ class JointDevice(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     def __post_init__(self) -> None:
         if self.min_deg >= self.max_deg:
             raise ValueError("max_deg must be above min_deg")
+        if not self.min_deg <= 0 <= self.max_deg:  # standing; neutral and damping commands carry it
+            raise ValueError("0 degrees, upright, must lie between min_deg and max_deg")
+        if self.damp_nm_s_rad > self.max_damping_nm_s_rad:
+            raise ValueError("damp_nm_s_rad must not be above max_damping_nm_s_rad")
         if self.warn_c > self.limit_c:
             raise ValueError("limit_c must not be below warn_c")
 

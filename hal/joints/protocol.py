@@ -111,6 +111,7 @@ class JointFeedback:
     state: DriveState
     bus: BusFault = BusFault.NONE
     detail: HardwareError | None = None  # what is known of the newest fault
+    unasked: frozenset[Joint] = frozenset()  # not asked without power: their drives answer to being enabled alone
 
 
 class Joints(Protocol):

@@ -1,15 +1,12 @@
-"""candump logs: recorded from the buses by a socket of their own, read back (also cut in half) and decoded."""
+"""candump logs: read back (also cut in half) and decoded. What writes them is in recorder.py."""
 
 from __future__ import annotations
 
 import gzip
-import os
 import re
-import socket
-import time
 import zlib
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterable, Iterator
 from enum import Enum
 from functools import partial
 from pathlib import Path
@@ -18,20 +15,21 @@ from typing import IO, NamedTuple, TextIO, cast
 import can
 
 from hal.errors import CanFault, HardwareError
-from hal.joints.can.bus import frame_of, meaning_of, open_bus
-from hal.joints.can.drive import Drive
-from hal.joints.codecs.wire import Order, Reply, SetPoint
+from hal.joints.can.bus import frame_of, meaning_of
+from hal.joints.can.drive import Drive, Router, drives_of
+from hal.joints.codecs import damiao
+from hal.joints.codecs.wire import Frame, Order, Reply, SetPoint
 from hal.joints.device import Exoskeleton
+from hal.joints.motors import WireProtocol
 from hal.joints.protocol import DriveFault, Joint
 from logs.reading.errors import cause_of
 from logs.reading.regular import open_regular
 
 # (1731.000001) can0 001#7FFF7FF0000007FF, candump -L; candump -l adds R or T in newer versions
 _WHOLE_LINE = re.compile(
-    r"^\(\d+\.\d+\) \S+ (?:[0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(?:(?:[0-9A-Fa-f]{2}){0,8}|R\d?)(?: [RT])?\s*$"
+    r"^\(\d+\.\d+\) \S+ ([0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})#(?:(?:[0-9A-Fa-f]{2}){0,8}|R\d?)(?: [RT])?\s*$"
 )
-
-
+ERROR_FLAG = 0x2000_0000  # linux/can.h: in the identifier of an error frame
 _LONGEST_LINE = 4096  # characters; a frame has some sixty, a packed file of zeros none
 
 
@@ -41,6 +39,7 @@ class FrameKind(Enum):
     COMMAND = "command"
     ORDER = "order"
     REPLY = "reply"
+    REGISTER = "register"  # asked for, written or reported
     ERROR = "error"
     UNKNOWN = "unknown"
 
@@ -51,7 +50,7 @@ class Decoded(NamedTuple):
     at_s: float
     joint: Joint | None
     kind: FrameKind
-    content: SetPoint | Order | Reply | CanFault | str  # by kind; str: identifier and data of an unknown frame
+    content: SetPoint | Order | Reply | CanFault | str  # by kind; str: identifier and data of any other frame
 
 
 class WholeLines:
@@ -60,12 +59,15 @@ class WholeLines:
     def __init__(self, file: IO[str]) -> None:
         self._file = file
         self.broken = 0
+        self.identifier = 0  # of the newest line, with its flags
         self.closed = False
 
     def __iter__(self) -> Iterator[str]:
         try:
             for line in iter(partial(self._file.readline, _LONGEST_LINE), ""):
-                if _WHOLE_LINE.match(line) and line.endswith("\n"):
+                match = _WHOLE_LINE.match(line)
+                if match is not None and line.endswith("\n"):
+                    self.identifier = int(match[1], 16)
                     yield line
                 elif line.strip():
                     self.broken += 1
@@ -93,24 +95,66 @@ def open_log(path: Path) -> IO[str]:
         raise HardwareError(CanFault.LOG_UNREADABLE, path=path, detail=cause_of(error)) from error
 
 
-def decode_frame(message: can.Message, drives: tuple[Drive, ...]) -> Decoded:
-    """What a frame means, as a command to or a reply from one of these drives, and for which joint."""
-    if message.is_error_frame:
-        return Decoded(message.timestamp, None, FrameKind.ERROR, meaning_of(message).code)
-    frame = frame_of(message)
-    for drive in drives:
-        asked = drive.codec.read_command(drive.device.can_id, frame)
-        if isinstance(asked, Order):
-            return Decoded(message.timestamp, drive.joint, FrameKind.ORDER, asked)
-        if asked is not None:
-            target = drive.transmission.to_joint(asked)
-            return Decoded(message.timestamp, drive.joint, FrameKind.COMMAND, target)
-    for drive in drives:
-        reply = drive.codec.read_reply(frame) if drive.codec.replier(frame) == drive.reply_number else None
-        if reply is not None:
-            return Decoded(message.timestamp, drive.joint, FrameKind.REPLY, _at_joint(drive, reply))
-    digits = f"{frame.arbitration_id:08X}" if frame.extended else f"{frame.arbitration_id:03X}"
-    return Decoded(message.timestamp, None, FrameKind.UNKNOWN, f"{digits}#{frame.data.hex().upper()}")
+class BusDecoder:
+    """What a bus's frames mean, as commands to or replies from its drives, and for which joint."""
+
+    def __init__(self, drives: Iterable[Drive]) -> None:
+        self._drives = list(drives)
+        self._router = Router(self._drives)
+        damiaos = (drive for drive in self._drives if drive.model.protocol is WireProtocol.DAMIAO)
+        self._with_registers = {drive.device.can_id: drive for drive in damiaos}
+
+    def decode(self, message: can.Message) -> Decoded:
+        """One frame."""
+        if message.is_error_frame:
+            return Decoded(message.timestamp, None, FrameKind.ERROR, meaning_of(message).code)
+        frame = frame_of(message)
+        owner = self._register_owner(frame)  # first: its bytes could be those of a status
+        if owner is not None:
+            return Decoded(message.timestamp, owner.joint, FrameKind.REGISTER, _digits(frame))
+        for drive in self._drives:
+            asked = drive.codec.read_command(drive.device.can_id, frame)
+            if isinstance(asked, Order):
+                return Decoded(message.timestamp, drive.joint, FrameKind.ORDER, asked)
+            if asked is not None:
+                target = drive.transmission.to_joint(asked)
+                return Decoded(message.timestamp, drive.joint, FrameKind.COMMAND, target)
+        sender = self._router.sender(frame)
+        reply = None if sender is None else sender.codec.read_reply(frame)
+        if sender is None or reply is None:
+            return Decoded(message.timestamp, None, FrameKind.UNKNOWN, _digits(frame))
+        return Decoded(message.timestamp, sender.joint, FrameKind.REPLY, _at_joint(sender, reply))
+
+    def _register_owner(self, frame: Frame) -> Drive | None:
+        number = damiao.register_owner(frame) if self._with_registers else None
+        drive = None if number is None else self._with_registers.get(number)
+        on_its_id = drive is not None and frame.arbitration_id in (damiao.REGISTER_ID, drive.device.reply_id)
+        return drive if on_its_id else None
+
+
+class LogDecoder:
+    """A log's frames, each for the drives of its channel; for all where the device has one bus."""
+
+    def __init__(self, device: Exoskeleton, motors: Path | None = None) -> None:
+        drives = drives_of(device, motors)
+        on_channel: dict[str, list[Drive]] = {}
+        for number, bus in enumerate(device.buses):
+            on_channel.setdefault(file_channel(bus.channel), []).extend(
+                drive for drive in drives if drive.device.can_bus == number
+            )
+        self._only = BusDecoder(drives) if len(on_channel) == 1 else None
+        self._on_channel = {channel: BusDecoder(some) for channel, some in on_channel.items()}
+        self._nobody = BusDecoder(())
+
+    def decode(self, message: can.Message) -> Decoded:
+        """One frame."""
+        decoder = self._only or self._on_channel.get(file_channel(str(message.channel)), self._nobody)
+        return decoder.decode(message)
+
+
+def _digits(frame: Frame) -> str:
+    identifier = f"{frame.arbitration_id:08X}" if frame.extended else f"{frame.arbitration_id:03X}"
+    return f"{identifier}#{frame.data.hex().upper()}"
 
 
 def _at_joint(drive: Drive, reply: Reply) -> Reply:
@@ -150,82 +194,24 @@ def messages_of(file: IO[str], summary: LogSummary) -> Iterator[can.Message]:
     """The frames of a candump log by python-can's own reader; broken lines are counted, not fatal."""
     lines = WholeLines(file)
     try:
-        yield from can.CanutilsLogReader(cast(TextIO, lines))
+        for message in can.CanutilsLogReader(cast(TextIO, lines)):
+            yield _error_frame(message, lines.identifier) if lines.identifier & ERROR_FLAG else message
     finally:
         summary.broken_lines = lines.broken
 
 
-FLUSH_S = 0.5
-_BUFFER_BYTES = 8 << 20  # a second of a full bus, for a recorder that waits for the scheduler or its disk
-_SO_RCVBUFFORCE = 33  # linux/socket.h; beyond the system's limit, for the privileged
-_BATCH = 256
-_PAUSE_S = 0.02  # frames are fetched by the batch: waking for each would cost perception a core
+def _error_frame(message: can.Message, identifier: int) -> can.Message:
+    """The reader takes error frames for data, or loses what they mean."""
+    return can.Message(
+        timestamp=message.timestamp,
+        arbitration_id=identifier & ~ERROR_FLAG,
+        is_extended_id=False,
+        is_error_frame=True,
+        data=message.data,
+    )
 
 
-class BusRecorder:
-    """Writes candump's `-L` format through python-can's own writer: can-utils read it, `rleex can decode` too."""
-
-    def __init__(self, device: Exoskeleton, path: Path) -> None:
-        """Raises HardwareError when the file or a bus can't be opened."""
-        self.frames = 0
-        self._flushed_s = 0.0
-        try:
-            self._file = path.open("a", encoding="ascii", buffering=1 << 20)
-        except OSError as error:
-            raise HardwareError(CanFault.LOG_UNWRITABLE, path=path, detail=str(error)) from error
-        self._buses: list[can.BusABC] = []
-        try:
-            self._buses = [open_bus(bus) for bus in device.buses]
-        except HardwareError:
-            self._file.close()
-            raise
-        for bus in self._buses:
-            _widen(bus)
-        self._writers = [can.CanutilsLogWriter(self._file, channel=_file_channel(bus.channel)) for bus in device.buses]
-
-    def run(self, stopped: Callable[[], bool]) -> None:
-        """Record until stopped."""
-        while not stopped():
-            time.sleep(_PAUSE_S)
-            for bus, writer in zip(self._buses, self._writers, strict=True):
-                self._take(bus, writer)
-            if time.monotonic() - self._flushed_s >= FLUSH_S:
-                self._file.flush()
-                self._flushed_s = time.monotonic()
-
-    def close(self) -> None:
-        """Write what is left, release file and buses."""
-        for bus in self._buses:
-            bus.shutdown()
-        self._file.close()
-
-    def _take(self, bus: can.BusABC, writer: can.CanutilsLogWriter) -> None:
-        for _ in range(_BATCH):
-            try:
-                message = bus.recv(0)
-            except (can.CanError, OSError, ValueError, TypeError):
-                return  # an interface that is gone may come back; control reports it meanwhile
-            if message is None:
-                return
-            message.channel = None  # the writer's own name: can-utils can't read a multicast address
-            writer.on_message_received(message)
-            self.frames += 1
-
-
-def _file_channel(channel: str) -> str:
-    """A channel's name without what can-utils can't read in one."""
-    return "".join(letter if letter.isalnum() else "_" for letter in channel)[:15] or "can"
-
-
-def _widen(bus: can.BusABC) -> None:
-    try:
-        number = bus.fileno()
-    except NotImplementedError:  # a bus without a socket has a queue without an end
-        return
-    if number < 0:
-        return
-    with socket.socket(fileno=os.dup(number)) as same:
-        try:
-            same.setsockopt(socket.SOL_SOCKET, _SO_RCVBUFFORCE, _BUFFER_BYTES)
-        except OSError:
-            same.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _BUFFER_BYTES)
+def file_channel(channel: str) -> str:
+    """A channel's name without what can-utils can't read in one; a number as python-can writes it."""
+    name = "".join(letter if letter.isalnum() else "_" for letter in channel) or "can"
+    return (f"can{name}" if name.isdigit() else name)[:15]

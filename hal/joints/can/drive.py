@@ -105,8 +105,9 @@ class Router:
         for drive in drives:
             protocol, drive_id = drive.model.protocol, drive.device.can_id
             self._by_drive.setdefault(protocol, (drive.codec, {}))[1][drive.reply_number] = drive
-            commanding = drive.codec.command(drive_id, NEUTRAL)
-            self._commands[(commanding.arbitration_id, commanding.extended)] = drive
+            if protocol is not WireProtocol.SERVO:  # read-only
+                commanding = drive.codec.command(drive_id, NEUTRAL)
+                self._commands[(commanding.arbitration_id, commanding.extended)] = drive
             # a Damiao drive with a master ID of its own is known by it: data[0] has only four bits of the ID
             if protocol is WireProtocol.DAMIAO and drive.device.reply_id and shared[drive.device.reply_id] == 1:
                 self._by_reply_id[drive.device.reply_id] = drive
@@ -115,11 +116,11 @@ class Router:
         """Hand a frame to its drive; what is wrong with it otherwise."""
         if self._awaited and self._take_register(frame):
             return None
-        commanded = self._commands.get((frame.arbitration_id, frame.extended))
+        commanded = self._commanded(frame)
         if commanded is not None and commanded.is_echo(frame.data):
             return None
         drive = self.sender(frame)
-        if drive is None or self._is_impostor(drive, commanded, frame):
+        if drive is None:
             return self._unassigned(frame, commanded)
         return _take_in(drive, frame, measured_ns)
 
@@ -127,12 +128,20 @@ class Router:
         """From now on, this drive's replies about this register go into `reported`."""
         self._awaited[drive.device.can_id, register] = reported
 
-    def forget_reported(self) -> None:
-        """Registers that were reported are awaited no more; a late reply about another one still is no status."""
-        self._awaited = {key: reported for key, reported in self._awaited.items() if key[1] not in reported}
+    def forget_register(self, drive: Drive, register: int) -> None:
+        """Every question about it is answered; a late reply about another one still is no status."""
+        del self._awaited[drive.device.can_id, register]
 
     def sender(self, frame: Frame) -> Drive | None:
-        """Whose reply a frame is."""
+        """Whose reply a frame is; nobody's when it is a command."""
+        drive = self._claimed(frame)
+        return None if drive is None or self._is_impostor(drive, frame) else drive
+
+    def _commanded(self, frame: Frame) -> Drive | None:
+        return self._commands.get((frame.arbitration_id, frame.extended))
+
+    def _claimed(self, frame: Frame) -> Drive | None:
+        """The drive that a frame names as its sender."""
         if not frame.extended and frame.arbitration_id in self._by_reply_id:
             return self._by_reply_id[frame.arbitration_id]
         for codec, by_drive in self._by_drive.values():
@@ -149,9 +158,15 @@ class Router:
         reported[value.register] = value.value
         return True
 
-    def _is_impostor(self, drive: Drive, commanded: Drive | None, frame: Frame) -> bool:
-        """On a drive's command ID only that drive may answer, unless the host has the same ID (drive 0, host 0)."""
-        return commanded not in (None, drive) and frame.arbitration_id != drive.device.reply_id
+    def _is_impostor(self, drive: Drive, frame: Frame) -> bool:
+        """On a drive's command ID only that drive may answer, unless the host has the same ID (drive 0, host 0).
+
+        Damiao drives answer on their master ID alone: the four bits that name one may be those of a command's angle.
+        """
+        commanded = self._commanded(frame)
+        if commanded is None or frame.arbitration_id == drive.device.reply_id:
+            return False
+        return commanded is not drive or drive.model.protocol is WireProtocol.DAMIAO
 
     def _unassigned(self, frame: Frame, commanded: Drive | None) -> BusReport | None:
         if self._is_own_echo(frame):

@@ -46,6 +46,7 @@ class SocketCanJoints:
         self._polled_ns = 0
         self.unconfirmed: list[Drive] = []  # were enabled, and have not confirmed that they are off
         self.questions: dict[Joint, lifecycle.Request] = {}  # what each drive answers without power
+        self._unasked = frozenset[Joint]()  # by the last probe
 
     @property
     def state(self) -> DriveState:
@@ -64,6 +65,7 @@ class SocketCanJoints:
         try:
             self._open_ports(now_ns)
             lifecycle.probe(self)
+            self._unasked = frozenset(joint for joint in Joint if joint not in self.questions)
         except HardwareError:
             self._release()
             raise
@@ -134,9 +136,9 @@ class SocketCanJoints:
             joints = tuple(drive.joint for drive in self.unconfirmed)
             raise HardwareError(DrivesFault.NOT_CONFIRMED_OFF, joints=joints)
 
-    def send(self, drive: Drive, frames: list[Frame]) -> None:
-        """Frames to a drive's bus (for the life cycle)."""
-        self._ports[drive.device.can_bus].send(*frames)
+    def send(self, drive: Drive, frames: list[Frame]) -> bool:
+        """Frames to a drive's bus; False when it refused one of them (for the life cycle)."""
+        return self._ports[drive.device.can_bus].send(*frames)
 
     def listen(self, done: Callable[[], bool], timeout_s: float) -> bool:
         """Take in frames until `done`, at most for `timeout_s` (for the life cycle, never in a tick)."""
@@ -155,17 +157,24 @@ class SocketCanJoints:
         return True
 
     def registers(self, drive: Drive, wanted: tuple[int, ...]) -> dict[int, float]:
-        """What a Damiao drive reports of its registers; those it does not know are missing (for the life cycle)."""
+        """What a Damiao drive reports of its registers, each asked several times: one frame may be lost.
+
+        Those it does not know are missing (for the life cycle).
+        """
         reported: dict[int, float] = {}
         router = self._routers[drive.device.can_bus]
         for register in wanted:
             router.expect_register(drive, register, reported)
             question = damiao.read_register(drive.device.can_id, register)
-            self.send(drive, [drive.ask(question, time.monotonic_ns())])
-            self.listen(lambda register=register: register in reported, 0.05)  # type: ignore[misc]
+            asked = 0
+            while register not in reported and asked < lifecycle.ATTEMPTS:
+                self.send(drive, [drive.ask(question, time.monotonic_ns())])
+                self.listen(lambda register=register: register in reported, 0.05)  # type: ignore[misc]
+                asked += 1
             if not reported:
                 break
-        router.forget_reported()
+            if register in reported and asked == 1:
+                router.forget_register(drive, register)
         return reported
 
     def take_bus_fault(self) -> HardwareError | None:
@@ -213,6 +222,7 @@ class SocketCanJoints:
             state=self._state,
             bus=bus,
             detail=detail if healthy else detail or _first_fault(drives, faults),
+            unasked=self._unasked,
         )
 
     def _bus_faults(self) -> tuple[BusFault, HardwareError | None]:

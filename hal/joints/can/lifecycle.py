@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from hal.joints.can.driver import SocketCanJoints
 
 _REPLY_TIMEOUT_S = 0.15  # a drive answers within a millisecond; a busy host needs the rest
-_ATTEMPTS = 3
+ATTEMPTS = 3
 
-Request = Callable[["SocketCanJoints", Drive], None]
+Request = Callable[["SocketCanJoints", Drive], bool]  # whether the bus took it
 
 
 def check_wire_range(drive: Drive) -> None:
@@ -58,11 +58,10 @@ def probe(joints: SocketCanJoints) -> None:
     Raises HardwareError naming the joints that do not answer or disagree.
     """
     silent = list(joints.drives)
-    for attempt in (_by_disabling, _by_neutral_command, _by_neutral_entry):
-        for _ in range(_ATTEMPTS - 1):
-            asked, silent = silent, _ask_once(joints, silent, attempt)
-            if attempt in _POWERLESS:
-                joints.questions |= {drive.joint: attempt for drive in asked if drive not in silent}
+    for attempt in (*(_by_disabling,) * ATTEMPTS, *(_by_neutral_question,) * 2, *(_by_neutral_entry,) * 2):
+        asked, silent = silent, _ask_once(joints, silent, attempt)
+        if attempt in _POWERLESS:
+            joints.questions |= {drive.joint: attempt for drive in asked if drive not in silent}
     if silent:
         raise _no_reply(joints, silent)
     for drive in joints.drives:
@@ -122,43 +121,59 @@ def disable(joints: SocketCanJoints) -> list[Drive]:
 
 
 def confirm_off(joints: SocketCanJoints, waiting: list[Drive]) -> list[Drive]:
-    """Take the torque off these drives, wait for each one's reply; the drives that did not confirm."""
-    for _ in range(_ATTEMPTS):
-        waiting = _ask_once(joints, waiting, _by_disabling)
+    """Take the torque off these drives, wait for each one's reply; the drives that did not confirm.
+
+    A reply that does not say whether its drive is on may be the one to the command before, held up: then the reply to
+    a second order counts. Not of a drive that answers no such order once it is off.
+    """
+    for _ in range(ATTEMPTS):
+        asked, waiting = waiting, _ask_once(joints, waiting, _by_disabling)
+        unsure = [drive for drive in asked if drive not in waiting and _answers_alike(joints, drive)]
+        waiting += _ask_once(joints, unsure, _by_disabling)
         waiting += [drive for drive in joints.drives if drive.enabled and drive not in waiting]
     return waiting
 
 
-def _by_disabling(joints: SocketCanJoints, drive: Drive) -> None:
-    joints.send(drive, drive.order(Order.DISABLE, time.monotonic_ns()))
+def _answers_alike(joints: SocketCanJoints, drive: Drive) -> bool:
+    """Whether a drive's reply to being disabled is the same with power and without."""
+    return drive.enabled is None and joints.questions.get(drive.joint) is _by_disabling
 
 
-def _by_clearing(joints: SocketCanJoints, drive: Drive) -> None:
-    joints.send(drive, drive.order(Order.CLEAR, time.monotonic_ns()))
+def _by_disabling(joints: SocketCanJoints, drive: Drive) -> bool:
+    return joints.send(drive, drive.order(Order.DISABLE, time.monotonic_ns()))
 
 
-def _by_enabling(joints: SocketCanJoints, drive: Drive) -> None:
-    joints.send(drive, drive.order(Order.ENABLE, time.monotonic_ns()))
+def _by_clearing(joints: SocketCanJoints, drive: Drive) -> bool:
+    return joints.send(drive, drive.order(Order.CLEAR, time.monotonic_ns()))
 
 
-def _by_neutral_command(joints: SocketCanJoints, drive: Drive) -> None:
-    joints.send(drive, [drive.ask(drive.codec.command(drive.device.can_id, NEUTRAL), time.monotonic_ns())])
+def _by_enabling(joints: SocketCanJoints, drive: Drive) -> bool:
+    return joints.send(drive, drive.order(Order.ENABLE, time.monotonic_ns()))
 
 
-def _by_neutral_entry(joints: SocketCanJoints, drive: Drive) -> None:
+def _by_neutral_command(joints: SocketCanJoints, drive: Drive) -> bool:
+    return joints.send(drive, [drive.ask(drive.codec.command(drive.device.can_id, NEUTRAL), time.monotonic_ns())])
+
+
+def _by_neutral_question(joints: SocketCanJoints, drive: Drive) -> bool:
+    """For drives without power; not for V3 drives, which it would enable."""
+    return drive.model.protocol is not WireProtocol.AK_V3 and _by_neutral_command(joints, drive)
+
+
+def _by_neutral_entry(joints: SocketCanJoints, drive: Drive) -> bool:
     """The last resort: some firmware answers in motor mode only, so enter it without any gain and leave again."""
-    if drive.model.protocol is WireProtocol.MIT:
-        for step in (_by_neutral_command, _by_enabling, _by_neutral_command, _by_disabling):
-            step(joints, drive)
+    steps = (_by_neutral_command, _by_enabling, _by_neutral_command, _by_disabling)
+    asked = [step(joints, drive) for step in steps] if drive.model.protocol is WireProtocol.MIT else []
+    return all(asked)
 
 
-_POWERLESS = (_by_disabling, _by_neutral_command)  # questions that power nothing, for drives without power
+_POWERLESS = (_by_disabling, _by_neutral_question)  # questions that power nothing, for drives without power
 
 
 def _unanswered(joints: SocketCanJoints, ask: Request) -> list[Drive]:
     """The drives that do not answer, asked several times: one frame may be lost."""
     silent = list(joints.drives)
-    for _ in range(_ATTEMPTS):
+    for _ in range(ATTEMPTS):
         silent = _ask_once(joints, silent, ask)
     return silent
 
@@ -169,7 +184,7 @@ def _unanswered_together(joints: SocketCanJoints) -> list[Drive]:
     After a lost frame all are asked again: the wait for one makes the others' answers older than control allows.
     """
     silent = list(joints.drives)
-    for _ in range(_ATTEMPTS):
+    for _ in range(ATTEMPTS):
         silent = _ask_once(joints, list(joints.drives), _by_neutral_command)
         if not silent:
             break
@@ -178,11 +193,10 @@ def _unanswered_together(joints: SocketCanJoints) -> list[Drive]:
 
 def _ask_once(joints: SocketCanJoints, drives: list[Drive], ask: Request) -> list[Drive]:
     before = {drive.joint: drive.replies for drive in drives}
-    for drive in drives:
-        ask(joints, drive)
+    asked = {drive.joint for drive in drives if ask(joints, drive)}  # not where the bus refused the question
 
     def missing() -> list[Drive]:
-        return [drive for drive in drives if drive.replies == before[drive.joint]]
+        return [drive for drive in drives if drive.joint not in asked or drive.replies == before[drive.joint]]
 
     joints.listen(lambda: not missing(), _REPLY_TIMEOUT_S if drives else 0.0)
     return missing()
@@ -203,7 +217,7 @@ def _faulted(drive: Drive, faults: DriveFault) -> HardwareError:
 
 
 def _check_ranges(joints: SocketCanJoints, drive: Drive) -> None:
-    """Damiao drives report their ranges; raises HardwareError when they are not the table's."""
+    """Damiao drives report their ranges; raises HardwareError when they don't, or when these are not the table's."""
     if drive.model.protocol is not WireProtocol.DAMIAO:
         return
     wanted = {
@@ -213,6 +227,8 @@ def _check_ranges(joints: SocketCanJoints, drive: Drive) -> None:
         damiao.Register.CONTROL_MODE: (WireQuantity.CONTROL_MODE, float(damiao.MIT_MODE)),
     }
     reported = joints.registers(drive, tuple(wanted))
+    if not reported:
+        raise HardwareError(DrivesFault.RANGES_UNREPORTED, **drive.identity)
     for register, (quantity, expected) in wanted.items():
         if register in reported and not math.isclose(reported[register], expected, rel_tol=0.01):
             raise HardwareError(
@@ -230,6 +246,7 @@ STILL_WITHIN_RAD = math.radians(0.5)
 STILL_SPEED_RAD_S = 0.1
 TAKES_EFFECT_S = 1.5  # CubeMars drives act on it after 0.5 to 1.5 s, and write it to flash
 ZERO_WITHIN_RAD = math.radians(1.0)
+LOSE_ZERO = frozenset({WireProtocol.AK_V3, WireProtocol.CYBERGEAR})  # keep it until power-off only
 
 
 @dataclass(frozen=True, slots=True)

@@ -16,7 +16,7 @@ from statistics import median
 from hal.joints.protocol import DriveFault
 
 MISSED_AFTER_NS = 20_000_000
-_OWED_LIMIT = 50  # a tenth of a second of commands
+_OWED_LIMIT = 500  # a second of commands: an adapter, or a busy host, may hold replies up for tenths of one
 _WINDOW_COMMANDS = 8  # with fewer in a window, what usually waits is unknown
 
 

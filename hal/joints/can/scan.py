@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Container, Iterable
 from enum import Enum, auto
 from pathlib import Path
 from typing import NamedTuple
@@ -13,7 +13,7 @@ import can
 
 from hal.errors import CanFault, HardwareError
 from hal.joints.can.bus import BusPort, frame_of, message_of, open_bus
-from hal.joints.can.candump import Decoded, FrameKind, decode_frame
+from hal.joints.can.candump import BusDecoder, Decoded, FrameKind
 from hal.joints.can.drive import drives_of
 from hal.joints.codecs import cybergear, damiao
 from hal.joints.codecs.cubemars import upload_replier
@@ -25,7 +25,8 @@ from hal.joints.protocol import BusFault, Joint
 LISTEN_S = 0.3
 ROUND_S = 0.02
 _ROUND_IDS = 8
-ALL_IDS = range(1, 128)
+ALL_IDS = range(128)
+ASK_S = 0.02  # between two questions of a monitor that asks
 
 
 class ScanReply(Enum):
@@ -62,6 +63,11 @@ class BusTraffic(NamedTuple):
         """Whether others than uploading drives send: probing would interfere."""
         return self.frames > sum(self.uploads.values())
 
+    def check_still(self, bus: str) -> None:
+        """Raises HardwareError when others send on this bus."""
+        if self.busy:
+            raise HardwareError(CanFault.BUS_IN_USE, bus=bus, frames=self.frames)
+
 
 def listen(bus: can.BusABC, seconds: float = LISTEN_S) -> BusTraffic:
     """The traffic without any question."""
@@ -82,12 +88,14 @@ def scan(
     bus: can.BusABC,
     ids: Iterable[int] = ALL_IDS,
     *,
+    uploads: Container[int] = (),
     watch: Callable[[str, int], None] = lambda *_: None,
     round_s: float = ROUND_S,
 ) -> list[FoundDrive]:
     """Ask every ID in every protocol, a few at a time, with `round_s` for their answers.
 
-    Only on a bus that is otherwise still: drives are commanded to disable. watch: called with protocol and first ID.
+    Only on a bus that is otherwise still: drives are commanded to disable. uploads: drives that send by themselves, so
+    that the number of their answers says nothing. watch: called with protocol and first ID.
     """
     wanted = list(ids)
     found: dict[tuple[str, int], FoundDrive] = {}
@@ -97,7 +105,9 @@ def scan(
             batch = [number for number in wanted[begin : begin + _ROUND_IDS] if number not in taken]
             watch(protocol, batch[0] if batch else wanted[begin])
             for drive in _ask(bus, batch, question, recognise, round_s):
-                found[protocol, drive.drive_id] = drive._replace(protocol=protocol)
+                uploading = drive.code is ScanReply.UPLOADS_ON and drive.drive_id in uploads
+                answers = 1 if uploading else drive.answers
+                found[protocol, drive.drive_id] = drive._replace(protocol=protocol, answers=answers)
         taken |= {drive_id for name, drive_id in found if name == protocol}
     return list(found.values())
 
@@ -178,14 +188,19 @@ _QUESTIONS: tuple[tuple[str, Callable[[int], Frame], Callable[[Frame], Recognise
 
 
 class BusMonitor:
-    """Keeps each drive's newest frames by kind; sends nothing."""
+    """Keeps each drive's newest frames by kind; sends nothing, unless it is to `ask`, which disables enabled drives."""
 
-    def __init__(self, device: Exoskeleton, motors: Path | None = None) -> None:
+    def __init__(self, device: Exoskeleton, motors: Path | None = None, *, ask: bool = False) -> None:
         self.drives = drives_of(device, motors)
-        self._drives_on = [
-            tuple(drive for drive in self.drives if drive.device.can_bus == number)
-            for number in range(len(device.buses))
+        drives_on = [
+            [drive for drive in self.drives if drive.device.can_bus == number] for number in range(len(device.buses))
         ]
+        self._decoders = [BusDecoder(drives) for drives in drives_on]
+        self._questions = [
+            [frame for drive in drives for frame in drive.codec.order(drive.device.can_id, Order.DISABLE)]
+            for drives in (drives_on if ask else [])
+        ]
+        self._asked_s = 0.0
         self._ports = [BusPort(open_bus(bus), bus.channel, time.monotonic_ns()) for bus in device.buses]
         self.newest: dict[tuple[Joint | None, FrameKind], Decoded] = {}
         self.counts: Counter[tuple[Joint | None, FrameKind]] = Counter()
@@ -196,12 +211,13 @@ class BusMonitor:
         """Take in what comes within this time."""
         end_s = time.monotonic() + wait_s
         while time.monotonic() < end_s:
-            for port, drives in zip(self._ports, self._drives_on, strict=True):
+            self._ask()
+            for port, decoder in zip(self._ports, self._decoders, strict=True):
                 message = port.receive_message(min(0.02, wait_s))
                 for _ in range(1000):
                     if message is None:
                         break
-                    self._note(decode_frame(message, drives))
+                    self._note(decoder.decode(message))
                     message = port.receive_message(0.0)
                 fault, detail = port.take_faults()
                 if fault is not BusFault.NONE:
@@ -211,6 +227,13 @@ class BusMonitor:
         """Release the buses."""
         for port in self._ports:
             port.close()
+
+    def _ask(self) -> None:
+        if time.monotonic() - self._asked_s < ASK_S:
+            return
+        self._asked_s = time.monotonic()
+        for port, questions in zip(self._ports, self._questions, strict=False):  # no questions: only listening
+            port.send(*questions)
 
     def _note(self, decoded: Decoded) -> None:
         self.newest[decoded.joint, decoded.kind] = decoded

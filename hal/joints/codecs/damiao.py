@@ -61,6 +61,16 @@ def register_reply(frame: Frame) -> RegisterValue | None:
     return RegisterValue(data[0] | (data[1] << 8), data[3], float(struct.unpack(form, data[4:])[0]))
 
 
+def register_owner(frame: Frame) -> int | None:
+    """The drive whose register a frame asks for, writes or reports; None when it concerns no register known here."""
+    data = frame.data
+    if frame.extended or len(data) < 4:
+        return None
+    if frame.arbitration_id != REGISTER_ID and (register_reply(frame) is None or data[3] not in set(Register)):
+        return None
+    return data[0] | (data[1] << 8)
+
+
 def pack_register(reply_id: int, value: RegisterValue, action: int = READ) -> Frame:
     """The drive's end: the reply that reports a register, to a read or to a write."""
     number = value.value if value.register in FLOAT_REGISTERS else int(value.value)

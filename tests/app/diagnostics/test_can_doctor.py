@@ -19,6 +19,7 @@ from hal.joints.emulator.emulator import DriveEmulator
 from hal.joints.protocol import Joint
 from logs.reason import key_of, reason
 from testing.emulated_drives import emulating
+from tests.support.can_rig import with_motor
 
 CAN0 = BusDevice()
 MIT = "MIT (AK V1/V2, bgkatz)"
@@ -64,6 +65,7 @@ def worst(findings: list[Finding]) -> Finding:
         (link(data={"restart_ms": 100}), Grade.NOTE, F.RESTARTS_ITSELF, "restart-ms 0"),
         (link(txqlen=10), Grade.NOTE, F.SHORT_QUEUE, "txqueuelen 1000"),
         ({"flags": ["UP"], "linkinfo": {"info_kind": "vcan"}}, Grade.GOOD, F.VIRTUAL, ""),
+        ({"flags": ["UP"], "linkinfo": {"info_kind": "vxcan"}}, Grade.GOOD, F.VIRTUAL, ""),
     ],
 )
 def test_the_link_is_evaluated_with_its_remedy(reported: dict[str, Any], grade: Grade, code: F, remedy: str) -> None:
@@ -122,6 +124,14 @@ def test_an_emulated_bus_is_examined_to_the_drives() -> None:
     with emulating(DriveEmulator(device)):
         still = list(examine(device, None, ask=False))
     assert [finding.grade for finding in still] == [Grade.GOOD]
+
+
+def test_drives_that_upload_by_themselves_share_no_id() -> None:
+    device = with_motor("AK80-64/servo")
+    with emulating(DriveEmulator(device)):
+        codes = [finding.what.code for finding in examine(device, None)]
+    assert key_of(F.ANSWERS) in codes
+    assert key_of(F.SHARED_ID) not in codes
 
 
 def test_a_missing_interface_is_reported_and_nothing_else_is_tried() -> None:

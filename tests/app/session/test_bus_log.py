@@ -6,31 +6,48 @@ import multiprocessing
 import os
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from app.ipc.links import OrderedReceiver, address, new_link_directory
 from app.ipc.streams import AUDIT
+from app.session import bus_log
 from app.session.bus_log import run_bus_log
 from app.system.config import Config, JointsConfig, SessionSetup
+from app.system.paths import Home
+from hal.errors import CanFault
 from logs.reason import Reason
 from logs.records import Entry, Note, ProcessEnd
 from profiles.schema import DEMO_PATIENT
-
-pytestmark = pytest.mark.serial
+from tests.support.bad_input import in_time
+from tests.support.errors import refused
 
 LIMIT_S = 60.0
 
 
-def test_a_bus_that_can_not_be_opened_is_the_reason_of_its_end(tmp_path: Path) -> None:
-    setup = SessionSetup(
+def setup_of(home: Path, joints: JointsConfig) -> SessionSetup:
+    """A session with these joints that this process runs."""
+    return SessionSetup(
         session="s",
-        home=tmp_path,
-        links=new_link_directory(tmp_path),
-        config=Config(joints=JointsConfig(kind="can", interface="socketcan", channel="absent")),
+        home=home,
+        links=new_link_directory(home),
+        config=Config(joints=joints),
         profile=DEMO_PATIENT,
         operator="ann",
         host_pid=os.getpid(),
     )
+
+
+def test_the_end_of_the_disk_is_left_to_the_trail(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(bus_log, "FLOOR_BYTES", 1 << 62)
+    joints = JointsConfig(kind="can", interface="virtual", channel="bus log")
+    with in_time(), refused(CanFault.LOG_DISK_LOW, path=bus_log.log_path(Home(tmp_path), "s")):
+        bus_log._record(msgspec.structs.replace(setup_of(tmp_path, joints), host_pid=os.getppid()), [])
+
+
+@pytest.mark.serial
+def test_a_bus_that_can_not_be_opened_is_the_reason_of_its_end(tmp_path: Path) -> None:
+    setup = setup_of(tmp_path, JointsConfig(kind="can", interface="socketcan", channel="absent"))
     receiver = OrderedReceiver(address(setup.links, AUDIT.name), Entry)
     process = multiprocessing.get_context("spawn").Process(target=run_bus_log, args=(setup,), daemon=True)
     process.start()

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hal.errors import DeviceFault
-from hal.joints.device import load_exoskeleton
+from hal.joints.device import JointDevice, load_exoskeleton
 from hal.joints.guard import ENGAGE_RAD, Guard, Quantity, Refusal, limits_of
 from hal.joints.protocol import Joint, JointArray, JointCommand
 from tests.support.errors import refused
@@ -300,3 +300,12 @@ def test_the_numbers_that_the_document_states() -> None:
     assert LIMITS.position_step_rad == pytest.approx(LIMITS.speed_rad_s / 500)
     assert LIMITS.stiffness_step_nm_rad == pytest.approx(LIMITS.stiffness_nm_rad / 25)
     assert LIMITS.torque_step_nm == pytest.approx(LIMITS.torque_nm / 25)
+
+
+@pytest.mark.parametrize("changes", [{"damp_nm_s_rad": 5.1}, {"min_deg": 0.1}, {"min_deg": -30.0, "max_deg": -0.1}])
+def test_a_joint_whose_damping_or_neutral_command_the_guard_would_refuse_is_not_read(changes: dict[str, float]) -> None:
+    described = msgspec.to_builtins(DEVICE.left_hip)
+    edge = {name: round(value, 0) for name, value in changes.items()}
+    msgspec.convert(described | edge, JointDevice)
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.convert(described | changes, JointDevice)

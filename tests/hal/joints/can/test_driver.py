@@ -429,6 +429,70 @@ def test_a_drive_that_did_not_confirm_its_end_is_asked_again_by_the_next_closing
     rig.joints.close(rig.now_ns())
 
 
+@pytest.mark.parametrize("motor", ["AK80-64/V2", "AK80-64/V3"])
+def test_a_held_up_reply_to_the_damping_before_confirms_no_end(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch, motor: str
+) -> None:
+    """The orders are lost; these protocols do not report whether a drive is on."""
+    rig = make_rig(with_motor(motor))
+    start(rig)
+    knee = rig.emulator.drives[KNEE]
+    receive, held_up = knee.receive, list[Frame]()
+    off = knee._codec.order(knee.device.can_id, Order.DISABLE)
+
+    def lose_orders(frame: Frame, now_ns: int) -> list[Frame]:
+        if frame in off:
+            replies, held_up[:] = held_up[:], []
+            return replies
+        held_up[:] = receive(frame, now_ns)
+        return []
+
+    monkeypatch.setattr(knee, "receive", lose_orders)
+    with refused(DrivesFault.NOT_CONFIRMED_OFF, joints=(KNEE,)):
+        rig.joints.close(rig.now_ns())
+    assert knee.motor_mode
+    monkeypatch.setattr(knee, "receive", receive)
+    rig.joints.close(rig.now_ns())
+    assert not any(drive.motor_mode for drive in rig.emulator.drives)
+
+
+def test_an_order_that_the_bus_refuses_is_confirmed_by_no_reply(rig: CanRig, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert isinstance(rig.joints, SocketCanJoints)
+    send, knee = rig.joints.send, rig.emulator.drives[KNEE]
+    off = knee._codec.order(knee.device.can_id, Order.DISABLE)
+
+    def refuse_order(drive: Drive, frames: list[Frame]) -> bool:
+        if frames[0] not in off:
+            return send(drive, frames)
+        drive.replies += 1  # to what was sent before
+        return False
+
+    monkeypatch.setattr(rig.joints, "send", refuse_order)
+    with refused(DrivesFault.NOT_CONFIRMED_OFF, joints=(KNEE,)):
+        rig.joints.close(rig.now_ns())
+
+
+def test_a_drive_that_answers_in_motor_mode_alone_is_not_asked_without_power_and_confirms_its_end(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = make_rig(with_motor("AK80-64/V2"))
+    knee = rig.emulator.drives[KNEE]
+    receive = knee.receive
+
+    def answer_with_power(frame: Frame, now_ns: int) -> list[Frame]:
+        powered = knee.motor_mode
+        replies = receive(frame, now_ns)
+        return replies if powered or knee.motor_mode else []
+
+    monkeypatch.setattr(knee, "receive", answer_with_power)
+    rig.joints.open(rig.now_ns())
+    assert rig.joints.read(rig.now_ns()).unasked == {KNEE}
+    rig.joints.enable(rig.now_ns())
+    rig.until(lambda now: (now.measured_ns > 0).all(), HOLD)
+    rig.joints.close(rig.now_ns())
+    assert not any(drive.motor_mode for drive in rig.emulator.drives)
+
+
 def test_a_v3_drive_that_is_off_is_not_powered_when_another_one_is_asked_again(make_rig: MakeRig) -> None:
     rig = make_rig(with_motor("AK80-64/V3"))
     start(rig)

@@ -66,6 +66,15 @@ def test_slow_replies_at_a_steady_pace_are_not_missed() -> None:
     assert (requests.answered, requests.missed) == (500, 0)
 
 
+def test_replies_held_up_for_tenths_of_a_second_come_from_no_second_drive() -> None:
+    """An adapter that keeps them for 0.3 s, and then delivers them all."""
+    requests = RequestTracker()
+    run(requests, [0.6] * 500 + [None] * 150)
+    received = [requests.receive(10**10) for _ in range(150)]
+    assert received == [True] * 150
+    assert not any(requests.receive(10**10) for _ in range(2))
+
+
 def test_missing_replies_are_counted_and_more_replies_than_asked_for_are_reported() -> None:
     requests = RequestTracker()
     run(requests, [None] * 30, ticks_more=20)

@@ -9,7 +9,10 @@ import numpy as np
 import pytest
 
 from hal.errors import CanFault
+from hal.joints.can.bus import message_of, open_bus
+from hal.joints.can.drive import drives_of
 from hal.joints.can.safe_stop import SafeStop
+from hal.joints.codecs.wire import SetPoint
 from hal.joints.device import JointDevice, load_exoskeleton
 from hal.joints.emulator.firmware import Fault
 from hal.joints.protocol import Joint
@@ -111,6 +114,21 @@ def test_damiao_drives_are_told_apart_although_they_answer_with_four_bits(
     assert Joint.LEFT_KNEE not in received
     rig.emulator.inject(Fault.HEALED)
     until(lambda: guardian.exit() and Joint.LEFT_KNEE in guardian.answered())
+    guardian.close()
+
+
+@pytest.mark.parametrize("motor", ["AK80-64/V2", "AK80-64/V3", "DM10010/default"])
+def test_controls_own_commands_are_no_answers(motor: str) -> None:
+    """Four bits of a command's angle can be those by which a Damiao drive names itself."""
+    device = with_motor(motor)
+    guardian = SafeStop(device)
+    guardian.open()
+    with open_bus(device.buses[0]) as control:
+        for drive in drives_of(device):
+            for position_rad in np.arange(-1.5, 1.5, 0.05):
+                target = SetPoint(float(position_rad), 0.0, 0.0, 4.0, 0.0)
+                control.send(message_of(drive.codec.command(drive.device.can_id, target)))
+    assert guardian.answered() == frozenset()
     guardian.close()
 
 

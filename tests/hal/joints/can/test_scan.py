@@ -9,6 +9,7 @@ import threading
 from pathlib import Path
 
 import can
+import msgspec
 import pytest
 from rich.console import Console
 
@@ -16,14 +17,17 @@ from app.cli.drive_table import monitor_table
 from hal.errors import CanFault, DrivesFault
 from hal.joints.can import lifecycle
 from hal.joints.can.bus import open_bus
-from hal.joints.can.candump import BusRecorder, FrameKind, LogSummary, decode_frame, messages_of, open_log
+from hal.joints.can.candump import BusDecoder, FrameKind, LogDecoder, LogSummary, messages_of, open_log
 from hal.joints.can.drive import drives_of
 from hal.joints.can.driver import SocketCanJoints
-from hal.joints.can.scan import BusMonitor, listen, scan
-from hal.joints.codecs.wire import Order
+from hal.joints.can.recorder import BusRecorder
+from hal.joints.can.scan import ALL_IDS, BusMonitor, listen, scan
+from hal.joints.codecs.wire import Order, Reply
+from hal.joints.emulator.emulator import DriveEmulator
 from hal.joints.emulator.firmware import Fault
 from hal.joints.protocol import DriveFault, Joint
-from tests.support.can_rig import CanRig, MakeRig, command, small_gear, with_motor
+from testing.emulated_drives import emulating
+from tests.support.can_rig import CanRig, MakeRig, command, each_joint, small_gear, until, with_motor
 from tests.support.errors import refused
 
 PATIENT_S = 0.4  # emulated drives share this machine's processors
@@ -54,6 +58,27 @@ def test_scanning_counts_drives_that_share_an_id(make_rig: MakeRig) -> None:
     with open_bus(device.buses[0]) as bus:
         found = {drive.drive_id: drive.answers for drive in scan(bus, range(1, 9), round_s=PATIENT_S)}
     assert found == {1: 1, 2: 2, 3: 1, 4: 1}
+
+
+def test_drives_that_upload_by_themselves_share_no_id() -> None:
+    device = with_motor("AK80-64/servo")
+    with emulating(DriveEmulator(device)), open_bus(device.buses[0]) as bus:
+        traffic = listen(bus, 0.3)
+        found = scan(bus, range(1, 9), uploads=traffic.uploads, round_s=PATIENT_S)
+    assert not traffic.busy
+    assert sorted((drive.drive_id, drive.answers) for drive in found) == [(number, 1) for number in range(1, 5)]
+
+
+def test_every_id_that_a_description_may_have_is_asked(make_rig: MakeRig) -> None:
+    least, greatest = 0, 127
+    ids = (least, 1, 2, greatest)
+    device = each_joint(
+        with_motor("AK80-64/V2"), lambda number, joint: msgspec.structs.replace(joint, can_id=ids[number])
+    )
+    make_rig(device)
+    with open_bus(device.buses[0]) as bus:
+        found = scan(bus, [number for number in ALL_IDS if number in ids], round_s=PATIENT_S)
+    assert {drive.drive_id for drive in found} == set(ids)
 
 
 def start(rig: CanRig) -> None:
@@ -93,6 +118,25 @@ def test_the_monitor_sees_both_sides_and_sends_nothing(make_rig: MakeRig) -> Non
     monitor.close()
 
 
+@pytest.mark.parametrize("motor", ["AK80-64/V2", "AK80-64/V3", "DM10010/default"])
+def test_the_monitor_asks_drives_without_power_and_leaves_them_so(make_rig: MakeRig, motor: str) -> None:
+    device = with_motor(motor)
+    rig = make_rig(device)
+    rig.emulator.drives[Joint.LEFT_KNEE].zero_rad = -0.5  # turned by hand
+    monitor = BusMonitor(device, ask=True)
+
+    def all_reply_again() -> bool:
+        monitor.poll(0.002)
+        return all(monitor.counts[joint, FrameKind.REPLY] > 1 for joint in Joint)
+
+    until(all_reply_again)
+    newest = monitor.newest[Joint.LEFT_KNEE, FrameKind.REPLY].content
+    assert isinstance(newest, Reply)
+    assert newest.position_rad == pytest.approx(0.5, abs=0.01)
+    assert not any(drive.motor_mode for drive in rig.emulator.drives)
+    monitor.close()
+
+
 @pytest.fixture
 def recorded(make_rig: MakeRig, tmp_path: Path) -> Path:
     """A short session's log, with a fault in it."""
@@ -114,11 +158,11 @@ def recorded(make_rig: MakeRig, tmp_path: Path) -> Path:
 
 
 def read(path: Path) -> tuple[list[FrameKind], LogSummary]:
-    drives, summary = drives_of(with_motor("AK80-64/V2")), LogSummary()
+    decoder, summary = LogDecoder(with_motor("AK80-64/V2")), LogSummary()
     kinds = []
     with open_log(path) as file:
         for message in messages_of(file, summary):
-            decoded = decode_frame(message, drives)
+            decoded = decoder.decode(message)
             kinds.append(decoded.kind)
             summary.add(decoded)
     return kinds, summary
@@ -165,11 +209,11 @@ def test_a_log_that_is_not_there_is_reported() -> None:
 
 
 def test_strangers_and_error_frames_decode_to_themselves() -> None:
-    drives = drives_of(with_motor("AK80-64/V2"))
-    stranger = decode_frame(can.Message(arbitration_id=0x18FEEE00, data=b"\xab\xcd"), drives)
+    decoder = BusDecoder(drives_of(with_motor("AK80-64/V2")))
+    stranger = decoder.decode(can.Message(arbitration_id=0x18FEEE00, data=b"\xab\xcd"))
     assert (stranger.kind, stranger.content) == (FrameKind.UNKNOWN, "18FEEE00#ABCD")
     off = can.Message(is_error_frame=True, is_extended_id=False, arbitration_id=0x40, data=bytes(8))
-    assert decode_frame(off, drives).content is CanFault.CONTROLLER_OFF
+    assert decoder.decode(off).content is CanFault.CONTROLLER_OFF
 
 
 @pytest.fixture

@@ -1,0 +1,83 @@
+"""Opening: frames may be lost, no drive is powered, and what a drive reports of itself is asked until it answers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import pytest
+
+from hal.errors import DrivesFault
+from hal.joints.codecs import damiao
+from hal.joints.codecs.wire import Frame, Order, WireQuantity
+from hal.joints.emulator.firmware import EmulatedDrive
+from hal.joints.protocol import DriveState, Joint
+from tests.support.can_rig import MakeRig, command, with_motor
+from tests.support.errors import refused
+
+KNEE = Joint.LEFT_KNEE
+
+
+def lose(
+    monkeypatch: pytest.MonkeyPatch, drive: EmulatedDrive, count: int, wanted: Callable[[Frame], bool]
+) -> list[bool]:
+    """The bus loses the first frames of a kind before the drive receives them; whether it was on after each frame."""
+    receive, lost, powered = drive.receive, list[Frame](), list[bool]()
+
+    def receive_others(frame: Frame, now_ns: int) -> list[Frame]:
+        if wanted(frame) and len(lost) < count:
+            lost.append(frame)
+            return []
+        replies = receive(frame, now_ns)
+        powered.append(drive.motor_mode)
+        return replies
+
+    monkeypatch.setattr(drive, "receive", receive_others)
+    return powered
+
+
+def test_a_v3_drive_whose_orders_were_lost_is_powered_by_no_question(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = make_rig(with_motor("AK80-64/V3"))
+    knee = rig.emulator.drives[KNEE]
+    off = knee._codec.order(knee.device.can_id, Order.DISABLE)
+    powered = lose(monkeypatch, knee, 2, lambda frame: frame in off)
+    rig.joints.open(rig.now_ns())
+    at_probe = rig.joints.read(rig.now_ns()).measured_ns.copy()
+    feedback = rig.until(lambda now: (now.measured_ns > at_probe).all(), command())
+    assert (feedback.state, feedback.unasked) == (DriveState.PROBED, frozenset())
+    rig.joints.close(rig.now_ns())
+    assert not any(powered)
+    assert not any(drive.motor_mode for drive in rig.emulator.drives)
+
+
+def test_a_v3_drive_that_answers_no_order_is_refused_without_power(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig = make_rig(with_motor("AK80-64/V3"))
+    knee = rig.emulator.drives[KNEE]
+    off = knee._codec.order(knee.device.can_id, Order.DISABLE)
+    powered = lose(monkeypatch, knee, 100, lambda frame: frame in off)
+    with refused(DrivesFault.NO_REPLY, joints=(KNEE,)):
+        rig.joints.open(rig.now_ns())
+    assert not any(powered)
+
+
+@pytest.mark.parametrize("register", [damiao.Register.POSITION_MAX, damiao.Register.TORQUE_MAX])
+def test_a_lost_question_hides_no_wrong_range(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch, register: damiao.Register
+) -> None:
+    rig = make_rig(with_motor("DM8009/default", max_torque_nm=50.0))
+    knee = rig.emulator.drives[KNEE]
+    knee._registers[damiao.Register.TORQUE_MAX] = 20.0
+    question = damiao.read_register(knee.device.can_id, register)
+    lose(monkeypatch, knee, 1, lambda frame: frame == question)
+    with refused(DrivesFault.RANGE_MISMATCH, joint=KNEE, quantity=WireQuantity.TORQUE, value=20.0):
+        rig.joints.open(rig.now_ns())
+
+
+def test_a_drive_that_reports_no_register_is_refused(make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch) -> None:
+    rig = make_rig(with_motor("DM8009/default", max_torque_nm=50.0))
+    lose(monkeypatch, rig.emulator.drives[KNEE], 100, lambda frame: frame.arbitration_id == damiao.REGISTER_ID)
+    with refused(DrivesFault.RANGES_UNREPORTED, joint=KNEE):
+        rig.joints.open(rig.now_ns())

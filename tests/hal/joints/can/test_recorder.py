@@ -1,0 +1,76 @@
+"""The bus log against a disk that refuses, and with the controller's error frames in it."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import pytest
+
+from hal.errors import CanFault
+from hal.joints.can.bus import CAN_ERR_BUSOFF, BusPort, message_of, open_bus
+from hal.joints.can.candump import FrameKind, LogDecoder, LogSummary, messages_of
+from hal.joints.can.recorder import BusRecorder
+from hal.joints.codecs.mit import special_frame
+from hal.joints.codecs.wire import Order
+from tests.support.bad_input import in_time
+from tests.support.can_rig import until, with_motor
+from tests.support.errors import refused
+
+
+def test_a_full_disk_is_reported_and_closing_raises_nothing() -> None:
+    device = with_motor("AK80-64/V2")
+    recorder = BusRecorder(device, Path("/dev/full"))
+    with open_bus(device.buses[0]) as bus:
+        bus.send(message_of(special_frame(1, Order.DISABLE)))
+        with in_time(), refused(CanFault.LOG_UNWRITABLE, path=Path("/dev/full"), detail="No space left on device"):
+            recorder.run(lambda: False)
+    recorder.close()
+
+
+def test_what_a_full_disk_did_not_take_at_the_end_is_reported() -> None:
+    """Also when it is interrupted."""
+    device = with_motor("AK80-64/V2")
+    recorder = BusRecorder(device, Path("/dev/full"))
+    recorder._flushed_s = float("inf")
+
+    def interrupt() -> bool:
+        if recorder.frames:
+            raise KeyboardInterrupt
+        return False
+
+    with open_bus(device.buses[0]) as bus:
+        bus.send(message_of(special_frame(1, Order.DISABLE)))
+        with in_time(), refused(CanFault.LOG_UNWRITABLE, path=Path("/dev/full")):
+            recorder.run(interrupt)
+    recorder.close()
+
+
+def test_the_end_of_the_disk_is_left_to_others(tmp_path: Path) -> None:
+    path = tmp_path / "bus.can.log"
+    recorder = BusRecorder(with_motor("AK80-64/V2"), path, floor_bytes=1 << 62)
+    with in_time(), refused(CanFault.LOG_DISK_LOW, path=path):
+        recorder.run(lambda: False)
+    recorder.close()
+
+
+def test_a_controller_that_leaves_the_bus_is_recorded_as_that(tmp_path: Path) -> None:
+    device = with_motor("AK80-64/V2")
+    path = tmp_path / "bus.can.log"
+    recorder, stop = BusRecorder(device, path), threading.Event()
+    thread = threading.Thread(target=recorder.run, args=(stop.is_set,), daemon=True)
+    thread.start()
+    port = BusPort(open_bus(device.buses[0]), "test")
+    if not port.send_error(CAN_ERR_BUSOFF):
+        pytest.skip("a kernel takes no error frames from programs")
+    until(lambda: recorder.frames)
+    stop.set()
+    thread.join()
+    recorder.close()
+    port.close()
+    (line,) = path.read_text().splitlines()
+    assert line.split()[2] == "20000040#0000000000000000"
+    with path.open() as file:
+        (message,) = messages_of(file, LogSummary())
+    decoded = LogDecoder(device).decode(message)
+    assert (decoded.kind, decoded.content) == (FrameKind.ERROR, CanFault.CONTROLLER_OFF)
