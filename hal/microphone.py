@@ -8,6 +8,7 @@ from __future__ import annotations
 import wave
 from collections.abc import Callable
 from importlib import import_module
+from os.path import expanduser
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
@@ -128,5 +129,5 @@ def load_library() -> Any:
 def make_microphone(voice: VoiceConfig, wait: Callable[[], object]) -> Microphone:
     """The one that is configured, not open yet; wait: for the length of a block, between those of a recording."""
     if voice.kind == "recording":
-        return RecordedMicrophone(Path(voice.device).expanduser(), wait)
+        return RecordedMicrophone(Path(expanduser(voice.device)), wait)  # noqa: PTH111 - Path's own raises
     return PortAudioMicrophone(voice.device)

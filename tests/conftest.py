@@ -37,7 +37,7 @@ def pytest_collection_finish() -> None:
 def _home_of_nobody(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """The user's own home has a language and more; the hand model is all that a test takes from it."""
     home = tmp_path_factory.mktemp("home")
-    (home / "models").symlink_to(find_home().models)
+    (home / "models").symlink_to(find_home().models.absolute())
     with pytest.MonkeyPatch.context() as environment:
         environment.setenv("RLEEX_HOME", str(home))
         yield

@@ -10,7 +10,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import Enum
 
 from textual import events
@@ -52,7 +52,7 @@ def press(state: StopKeyState, now_ns: int) -> tuple[StopKeyState, Press]:
 def click(state: StopKeyState, now_ns: int) -> tuple[StopKeyState, Press]:
     """As `press`, after a click on the bar: one so soon after another, or after the key, belongs to it."""
     if state.last_ns is not None and now_ns - state.last_ns < DOUBLE_CLICK_NS:
-        return replace(state, last_ns=now_ns), Press.DROP
+        return state, Press.DROP
     return StopKeyState(last_ns=now_ns), Press.SEND
 
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from msgspec import Struct
 
-from app.control.inputs import Inputs, Settings, StreamState
+from app.control.inputs import Inputs, Settings, StreamState, answers_ns
 from app.control.silence import angles_sunk_rad, silent_joints
 from app.control.stop_inputs import StopInputStates, reader_age_ns
 from app.ipc.messages import LinkHealth
@@ -223,8 +223,7 @@ def _joints(inputs: Inputs, state: ControlState, settings: Settings) -> JointDia
     now_ns, feedback = inputs.now_ns, inputs.feedback
     motion, streams = state.motion, state.streams
     measured_ns, temperatures_c = feedback.measured_ns.tolist(), feedback.temperature_c.tolist()
-    asked_ns = measured_ns if streams.powered else [measured_ns[each] for each in Joint if each not in feedback.unasked]
-    oldest_ns = min(asked_ns, default=now_ns)
+    oldest_ns = min(answers_ns(feedback, streams.powered), default=now_ns)
     silent = silent_joints(streams, feedback, now_ns)
     sunk_rad = angles_sunk_rad(state.silenced, motion, feedback, silent)
     return JointDiagnostics(

@@ -23,6 +23,8 @@ from kgdfa.gesture import Gesture
 from logs.reason import Reason
 from logs.records import Body
 
+HOST_SUSPENDED_S = 0.1  # less is the time between two clocks' readings
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
@@ -119,6 +121,7 @@ class StreamState(Struct, frozen=True, kw_only=True):
     sleep_ns: int  # boot time minus monotonic: how long the host has slept
     clock_step_ns: int = 0  # in this tick
     slept_ns: int = 0  # in this tick
+    woken_ns: int = 0  # when the host last woke
     powered: bool = False
 
 
@@ -149,6 +152,7 @@ def update_streams(streams: StreamState, inputs: Inputs, lease: int) -> StreamSt
     """The streams after this tick's messages; lease: of the console that counts."""
     now_ns = inputs.now_ns
     offset_ns, sleep_ns = inputs.wall_ns - now_ns, inputs.boot_ns - now_ns
+    slept_ns = sleep_ns - streams.sleep_ns
     return StreamState(
         report=inputs.report or streams.report,
         report_ns=now_ns if inputs.report else streams.report_ns,
@@ -166,16 +170,23 @@ def update_streams(streams: StreamState, inputs: Inputs, lease: int) -> StreamSt
         clock_offset_ns=offset_ns,
         sleep_ns=sleep_ns,
         clock_step_ns=offset_ns - streams.clock_offset_ns,
-        slept_ns=sleep_ns - streams.sleep_ns,
+        slept_ns=slept_ns,
+        woken_ns=now_ns if slept_ns > HOST_SUSPENDED_S * 1e9 else streams.woken_ns,
         powered=carries_power(inputs.feedback.state, streams.powered),
     )
 
 
 def _own_delay_ns(streams: StreamState, inputs: Inputs) -> int:
     """Drives answer commands: while control misses ticks, the missing answers are not their fault."""
-    all_since_resumed = int(inputs.feedback.measured_ns.min()) > streams.resumed_ns
+    all_since_resumed = min(answers_ns(inputs.feedback, streams.powered), default=inputs.now_ns) > streams.resumed_ns
     before_ns = 0 if all_since_resumed else streams.own_delay_ns
     return before_ns + _delay_ns(inputs)
+
+
+def answers_ns(feedback: JointFeedback, powered: bool) -> list[int]:
+    """When each joint answered last; without power, of those that are asked then."""
+    unasked = frozenset[Joint]() if powered else feedback.unasked
+    return [int(feedback.measured_ns[joint]) for joint in Joint if joint not in unasked]
 
 
 def _delay_ns(inputs: Inputs) -> int:

@@ -37,8 +37,6 @@ PARENT_TICKS = 25  # 50 ms
 CLEARED_TICKS = 2 * TICK_HZ
 CONTACT_TICKS = TICK_HZ // 50
 LATENESS_TICKS = 60 * TICK_HZ
-# The guardian may have acted by then.
-ABSENT_NS = streams.HEARTBEAT.stale_ms * streams.NS_PER_MS - streams.HEARTBEAT.period_ns
 GUARDIAN_WAIT_S = 0.1  # it answers a heartbeat after a silence in its next check, 4 ms later
 
 
@@ -102,7 +100,7 @@ class Control:
             self._histogram.add(late_ns, missed)
             inputs = self._read(now_ns, late_ns, missed)
             self._state, outputs = step(self._state or initial_state(inputs), inputs, self._settings)
-            if time.monotonic_ns() - now_ns < ABSENT_NS:  # else frozen in this tick, with a command of before
+            if time.monotonic_ns() - now_ns < streams.ABSENT_NS:  # else frozen in this tick, with a command of before
                 self._drives.write(outputs.command, inputs.feedback, now_ns, outputs.unheld)
             self._publish(self._state, inputs, outputs)
             if self._recorder is not None:
@@ -136,7 +134,7 @@ class Control:
     def _next_tick(self, timer: PeriodicTimer) -> tuple[int, int, int]:
         """As the timer's wait. After an absence in which the guardian may have acted, its report comes first."""
         now_ns, late_ns, missed = timer.wait()
-        if not (late_ns >= ABSENT_NS and self._drives.powered and self._guarded_until(now_ns - late_ns)):
+        if not (late_ns >= streams.ABSENT_NS and self._drives.powered and self._guarded_until(now_ns - late_ns)):
             return now_ns, late_ns, missed
         self._send_heartbeat(True)
         self._links.await_guardian(now_ns, GUARDIAN_WAIT_S)

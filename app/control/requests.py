@@ -61,7 +61,7 @@ def admits(lease: int, sequence: int, command: OperatorCommand) -> bool:
 
 
 def presses_after(presses: int, newest_ns: int, sent_ns: int) -> int:
-    """How many presses of STOP count after one more, sent then; newest_ns: when the newest of them was sent.
+    """How many presses of STOP count after one more, sent then; newest_ns: when the one heard last was sent.
 
     One that was sent before that follows nothing: pressed while a link was lost, it comes after its return's takeover.
     """

@@ -12,10 +12,9 @@ from app.control.inputs import StreamState
 from app.ipc.streams import NS_PER_MS
 from app.motion.follower import Mode, Motion
 from hal.joints.device import Joint
-from hal.joints.protocol import JointFeedback
+from hal.joints.protocol import TICK_NS, JointFeedback
 
 JOINT_TIMEOUT_MS = 15.0  # with a tick and its margin the effect comes within 20 ms
-HOST_SUSPENDED_S = 0.1  # less is the time between two clocks' readings
 ANSWERING_NS = 100_000_000  # who answers for so long is silent no more: the gaps of a loose connector add up
 
 
@@ -37,9 +36,8 @@ def silent_joints(streams: StreamState, feedback: JointFeedback, now_ns: int) ->
     """
     if not streams.powered:
         return frozenset()
-    if streams.slept_ns > HOST_SUSPENDED_S * 1e9:  # the monotonic clock stood still
-        return frozenset(Joint)
-    due_ns = now_ns - JOINT_TIMEOUT_MS * NS_PER_MS
+    # The monotonic clock stood still in a sleep, and answers of before may have waited in the socket.
+    due_ns = max(now_ns - JOINT_TIMEOUT_MS * NS_PER_MS, streams.woken_ns + TICK_NS)
     return frozenset(joint for joint, at_ns in zip(Joint, feedback.measured_ns.tolist(), strict=True) if at_ns < due_ns)
 
 

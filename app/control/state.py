@@ -50,7 +50,7 @@ class ControlState(Struct, frozen=True, kw_only=True):
     armed_ns: int = 0  # since when; 0: not armed
     patient_confirmed: bool = False
     stop_presses: int = 0  # since the last acknowledgement
-    press_ns: int = 0  # when the newest of them, or the takeover that counts as one, was sent
+    press_ns: int = 0  # when the one heard last, or the takeover that counts as one, was sent
     voice_stopped: bool = False  # since the last acknowledgement
     stop_ns: int = 0  # when the newest STOP was sent
     stop_received_ns: int = 0

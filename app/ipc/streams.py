@@ -52,6 +52,7 @@ OPERATOR = Stream(name="operator", sender="console", rate_hz=20, stale_ms=230)
 SESSION = Stream(name="session", sender="session", rate_hz=20, stale_ms=1000)
 TO_PERCEPTION = Stream(name="to-perception", sender="console", rate_hz=0, stale_ms=0)
 HEARTBEAT = Stream(name="heartbeat", sender="control", rate_hz=250, stale_ms=65)
+ABSENT_NS = HEARTBEAT.stale_ms * NS_PER_MS - HEARTBEAT.period_ns  # after so long the guardian may have acted
 GUARDIAN = Stream(name="guardian", sender="guardian", rate_hz=20, stale_ms=250)
 AUDIT = Stream(name="audit", sender="everyone", rate_hz=0, stale_ms=0)
 AUDIT_HEALTH = Stream(name="audit-health", sender="audit", rate_hz=20, stale_ms=400)

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
+from os.path import exists, expanduser
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -80,7 +81,7 @@ def parse_camera(source: str, base: CameraConfig) -> tuple[CameraConfig, Distanc
     digital-hand or digital-d435i (which gives depth), with `:SEED`; realsense; a webcam's name or number; the path of a
     recording. `@RATE` behind it: frames per second, but where a file has that name. Raises AppError for a bad rate.
     """
-    rated = None if Path(source).expanduser().exists() else _RATE.fullmatch(source)
+    rated = None if _exists(source) else _RATE.fullmatch(source)
     rate_hz = float(rated[2]) if rated else base.rate_hz
     least_hz, most_hz = RATES_HZ
     if not least_hz <= rate_hz <= most_hz:
@@ -103,9 +104,14 @@ def kind_of(source: str) -> tuple[str, str]:
     if source == "realsense" or source.lower().endswith((".bag", ".db3")):
         return "realsense", "" if source == "realsense" else source
     looks_like_path = "/" in source and not source.startswith("/dev/video")
-    if looks_like_path or Path(source).expanduser().exists():
+    if looks_like_path or _exists(source):
         return "recording", source
     return "webcam", source
+
+
+def _exists(source: str) -> bool:
+    """Whether a file or folder has this name; Path's own methods raise for an unknown user's or too long a name."""
+    return exists(expanduser(source))  # noqa: PTH110, PTH111
 
 
 def refuse_same_device(first: CameraConfig, second: CameraConfig) -> None:

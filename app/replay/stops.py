@@ -26,7 +26,7 @@ class StopReplay:
 
     def __init__(self) -> None:
         self._presses = 0  # of the key, since the last acknowledgement
-        self._press_ns = 0  # when the newest was sent
+        self._press_ns = 0  # when the one heard last was sent
         self._voice_stopped = False  # by voice, since then
         self._states: dict[int, tuple[str, str]] = {}  # moment of a STOP → its event, the gait state then
         self._acknowledged: set[str] = set()  # events that are still raised

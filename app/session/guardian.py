@@ -162,7 +162,8 @@ class Guardian:
         if before is GuardianAction.MONITOR and self._state.action is GuardianAction.DAMP:
             self._record_loss(now_ns)
         # at once when it acts, and to a control that comes back: it must not grip what it was not holding any more
-        returned = heartbeat is not None and _lost(last, heartbeat.at_ns)
+        absent_ns = heartbeat.at_ns - last.at_ns if heartbeat is not None and last is not None and last.enabled else 0
+        returned = absent_ns >= streams.ABSENT_NS
         if returned or now_ns - self._health_ns >= streams.GUARDIAN.period_ns or self._state.action is not before:
             self._health_ns = now_ns
             acted = self._state.action is not GuardianAction.MONITOR

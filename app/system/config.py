@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from enum import Enum
+from os.path import expanduser, realpath
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -175,10 +176,16 @@ def with_choices(
 
 def with_camera(settings: CameraConfig, kind: str, device: str) -> CameraConfig:
     """These settings for that camera; focal length and mirroring are those of their own camera."""
-    same_device = settings.device == device or (kind == "webcam" and same_webcam(settings.device, device))
-    same = settings.kind == kind and same_device
+    same = settings.kind == kind and _same_device(kind, settings.device, device)
     own = {} if same else {"focal_px": None, "mirrored": False}
     return replace(settings, kind=kind, device=device, **own)
+
+
+def _same_device(kind: str, first: str, second: str) -> bool:
+    """Whether two names are one device's; of a recording, one path's."""
+    if kind == "recording":
+        first, second = (realpath(expanduser(each)) for each in (first, second))  # noqa: PTH111 - Path's own raises
+    return first == second or (kind == "webcam" and same_webcam(first, second))
 
 
 class SessionSetup(Struct, frozen=True, kw_only=True):

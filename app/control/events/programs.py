@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from app.control.diagnostics import Diagnostics, LinkFigure, exceeded_figure, link_values
 from app.control.events.row import GESTURES, Above, Compared, Latch, Row
-from app.control.silence import HOST_SUSPENDED_S
+from app.control.inputs import HOST_SUSPENDED_S
 from app.control.stop_inputs import READER_LATE_NS
 from app.ipc.states import Effect, Event
 from app.ipc.streams import AUDIT_HEALTH, GUARDIAN, NS_PER_MS, OPERATOR, TRIGGER

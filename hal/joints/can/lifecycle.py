@@ -57,6 +57,7 @@ def probe(joints: SocketCanJoints) -> None:
 
     Raises HardwareError naming the joints that do not answer or disagree.
     """
+    joints.questions = {}
     silent = list(joints.drives)
     for attempt in (*(_by_disabling,) * ATTEMPTS, *(_by_neutral_question,) * 2, *(_by_neutral_entry,) * 2):
         asked, silent = silent, _ask_once(joints, silent, attempt)
@@ -64,12 +65,22 @@ def probe(joints: SocketCanJoints) -> None:
             joints.questions |= {drive.joint: attempt for drive in asked if drive not in silent}
     if silent:
         raise _no_reply(joints, silent)
+    _forget_questions_of_drives_left_on(joints)
     for drive in joints.drives:
         _check_ranges(joints, drive)
     if joints.state is DriveState.DISABLED:
         _clear_faults(joints)
     joints.listen(lambda: False, 0.005)  # late answers to the second and third question
     joints.take_bus_fault()
+
+
+def _forget_questions_of_drives_left_on(joints: SocketCanJoints) -> None:
+    """One that answers in motor mode alone, and was in it, answers the order to disable no more."""
+    silent = [drive for drive in joints.drives if joints.questions.get(drive.joint) is _by_disabling]
+    for _ in range(ATTEMPTS):
+        silent = _ask_once(joints, silent, _by_disabling)
+    for drive in silent:
+        del joints.questions[drive.joint]
 
 
 def poll(joints: SocketCanJoints) -> None:

@@ -285,6 +285,9 @@ def test_without_power_a_joint_that_is_not_asked_is_not_unresponsive() -> None:
     rig.joints.mute = rig.joints.unasked = frozenset({Joint.LEFT_KNEE})
     rig.tick(1000)
     assert rig.events() == {E.NOT_ARMED.value}
+    for _ in range(100):
+        stall(rig, 10)
+        rig.tick(5)
     rig.joints.mute |= {Joint.RIGHT_HIP}
     rig.tick(502)
     assert E.JOINT_TIMEOUT.value in rig.events()

@@ -159,11 +159,17 @@ def sleep(rig: Rig, _: int) -> None:
     rig.tick()
 
 
+@pytest.mark.parametrize("late_ticks", [0, 1, 3])
 @pytest.mark.parametrize("away", [stand_still, sleep])
-def test_a_joint_that_sank_while_control_itself_was_away_is_not_pulled_back(away: Callable[[Rig, int], None]) -> None:
+def test_a_joint_that_sank_while_control_itself_was_away_is_not_pulled_back(
+    away: Callable[[Rig, int], None], late_ticks: int
+) -> None:
     rig = standing()
     rig.tick(5)
     away(rig, 1000)
+    rig.joints.silent = True
+    rig.tick(late_ticks)
+    rig.joints.silent = False
     assert now(rig).effect is Effect.HOLD
     sunk(rig, Joint.LEFT_KNEE)
     rig.tick()

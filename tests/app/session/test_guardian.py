@@ -12,7 +12,7 @@ import pytest
 
 from app.ipc.links import new_link_directory
 from app.ipc.messages import GuardianHealth, Heartbeat
-from app.ipc.streams import DAMP_NS
+from app.ipc.streams import ABSENT_NS, DAMP_NS
 from app.session.guardian import (
     ENDING_DAMP_NS,
     OFF_NS,
@@ -256,6 +256,14 @@ def test_that_it_acts_is_said_at_once(guardian: Guardian, watch: Watch) -> None:
     assert watch.health[-1].at_ns == watch.now_ns
     assert watch.now_ns - 1_000 * MS - RETRY_NS < 80 * MS
     assert len(watch.health) == before + 1
+
+
+def test_a_control_that_waits_for_an_answer_gets_one_though_nothing_was_done(guardian: Guardian, watch: Watch) -> None:
+    watch.check(guardian, RETRY_NS)
+    watch.check(guardian, int(ABSENT_NS), enabled=None)
+    before = len(watch.health)
+    watch.check(guardian, CHECK)
+    assert [(one.at_ns, one.acted) for one in watch.health[before:]] == [(watch.now_ns, False)]
 
 
 def test_a_control_that_comes_back_is_answered_at_once(guardian: Guardian, watch: Watch) -> None:

@@ -10,7 +10,7 @@ from app.text.recorded import render_recorded
 from hal.cameras.camera import IntrinsicsSource
 from hal.inputs.device import Contact, InputRole
 from hal.joints.protocol import DriveState
-from logs.reason import Reason
+from logs.reason import Reason, Value
 from profiles.palm import ReferenceSource
 
 STOPPED = {"name": "P1", "role": InputRole.EMERGENCY_STOP.value, "contact": Contact.OPEN.value, "reason": ""}
@@ -49,9 +49,9 @@ def test_a_value_that_no_enumeration_has_is_shown_as_it_was_recorded() -> None:
 
 
 def test_an_event_of_an_older_trail_has_no_detail() -> None:
-    detail = Reason(
-        "AngleDetail.BEYOND_PATIENT", {"joint": Reason("Joint.LEFT_KNEE"), "angle_rad": 1.5, "limit_rad": 1}
-    )
-    older, newer = (render_recorded(Reason("Event.NOT_HOMED", values)) for values in ({}, {"detail": detail}))
+    beyond: dict[str, Value] = {"joint": Reason("Joint.LEFT_KNEE"), "angle_rad": 1.5, "limit_rad": 1.4}
+    detail = Reason("AngleDetail.BEYOND_PATIENT", beyond)
+    older = render_recorded(Reason("Event.NOT_HOMED", {}))
+    newer = render_recorded(Reason("Event.NOT_HOMED", {"detail": detail}))
     assert older.startswith("A joint reads an angle out of its range.")
     assert newer.startswith("A joint reads an angle out of its range (")

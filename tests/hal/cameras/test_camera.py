@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
+from contextlib import nullcontext
 
 import pytest
 
@@ -55,14 +56,16 @@ def test_a_driver_that_hangs_is_reported_and_abandoned() -> None:
 
 
 def test_the_first_value_may_take_longer_than_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(camera, "FIRST_FRAME_S", 0.2)
-    release = threading.Event()
-    newest = LatestFrame(lambda: release.wait(30) or None, lost=LOST, silence_s=0.0)
-    assert newest.take(0.01) is None
-    with refused(CameraFault.NO_FRAMES, camera="cam"):
-        newest.take(0.5)
+    release, waiting = threading.Event(), []
+    for first_s, lost in ((60.0, False), (0.0, True)):
+        monkeypatch.setattr(camera, "FIRST_FRAME_S", first_s)
+        newest = LatestFrame(lambda: release.wait(30) or None, lost=LOST, silence_s=0.0)
+        with refused(CameraFault.NO_FRAMES, camera="cam") if lost else nullcontext():
+            assert newest.take(0.01) is None
+        waiting.append(newest)
     release.set()
-    newest.stop()
+    for newest in waiting:
+        newest.stop()
 
 
 @pytest.mark.parametrize("error", [HardwareError(CameraFault.UNPLUGGED, camera="cam"), EndOfRecording()])

@@ -472,11 +472,13 @@ def test_an_order_that_the_bus_refuses_is_confirmed_by_no_reply(rig: CanRig, mon
         rig.joints.close(rig.now_ns())
 
 
+@pytest.mark.parametrize("left_on", [False, True])
 def test_a_drive_that_answers_in_motor_mode_alone_is_not_asked_without_power_and_confirms_its_end(
-    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch, *, left_on: bool
 ) -> None:
     rig = make_rig(with_motor("AK80-64/V2"))
     knee = rig.emulator.drives[KNEE]
+    knee.motor_mode = left_on
     receive = knee.receive
 
     def answer_with_power(frame: Frame, now_ns: int) -> list[Frame]:
