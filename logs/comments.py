@@ -1,4 +1,4 @@
-"""Reviewers' comments on a session, as far as their journal is sound and they are about this session's records."""
+"""Reviewers' comments on a session, as far as their journal holds and they are about this session's records."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from pathlib import Path
 
-from logs.findings import Status
+from logs.findings import Finding, Status
 from logs.journal import COMMENTS, parts_of
-from logs.read import records
+from logs.read import whole_records
 from logs.reason import Reason, reason
 from logs.records import Comment, Record
 from logs.verify import Evidence, verify
@@ -43,13 +43,21 @@ def comments_on(session: Path, evidence: Evidence, hash_of: Callable[[int], str 
         file = finding.file.name
         if finding.status is not Status.SOUND:
             hidden.append(reason(Hidden.NOT_SOUND, file=file, status=finding.status, why=finding.reason))
-            continue
-        found = [record for record in records(finding.file) if isinstance(record.body, Comment)]
+        found = [record for record in _that_hold(finding) if isinstance(record.body, Comment)]
         about = [record for record in found if _is_about(record.body, hash_of)]
         shown += about
         if len(about) < len(found):
             hidden.append(reason(Hidden.OF_OTHER_RECORDS, file=file, count=len(found) - len(about)))
     return Comments(records=tuple(shown), hidden=tuple(hidden))
+
+
+def _that_hold(finding: Finding) -> list[Record]:
+    """Those of a sound file, and those of an incomplete one that a signature covers: a crash tears only the end."""
+    if finding.status is Status.SOUND:
+        return whole_records(finding.file)
+    if finding.status is Status.INCOMPLETE:
+        return [record for record in whole_records(finding.file) if record.sequence < finding.proven]
+    return []
 
 
 def _is_about(comment: object, hash_of: Callable[[int], str | None]) -> bool:

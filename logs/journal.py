@@ -136,7 +136,9 @@ def _digest(content: bytes) -> str:
 def current_part(path: Path, key: ConsoleKey) -> tuple[Path, Scan | None, list[LogRecovered]]:
     """The part to go on with, what it holds (None: nothing yet), and what is to be recorded first. Raises OSError."""
     anchors = {name: anchor for name, anchor in read_anchors(key.folder).items() if _number(path, name)}
-    names = {part.name for part in parts_of(path)} | anchors.keys()
+    # A part that was created and never written, because the disk was full or the process died, is still to be begun.
+    begun = {part.name for part in parts_of(path) if not part.is_file() or part.stat().st_size}
+    names = begun | anchors.keys()
     if not names:
         return path, None, []
     newest = path.with_name(max(names, key=lambda name: _number(path, name)))
@@ -154,9 +156,9 @@ def current_part(path: Path, key: ConsoleKey) -> tuple[Path, Scan | None, list[L
 
 
 def open_part(path: Path, scan: Scan | None, key: ConsoleKey, disk: Disk) -> tuple[Trail, Chain]:
-    """Open a part for appending, or a new one. A torn tail gets a line end behind it; the caller records it."""
+    """Open a part for appending, or begin one. A torn tail gets a line end behind it; the caller records it."""
     if scan is None:
-        return Trail(path, disk), Chain(key)
+        return Trail(path, disk, exists=path.exists()), Chain(key)
     trail = Trail(path, disk, exists=True, offset=scan.size)
     if scan.torn_bytes:
         trail.prepend_line_end()

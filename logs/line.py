@@ -46,6 +46,12 @@ def unseal(line: bytes) -> tuple[bytes, str] | None:
     return line[:cut] + b"}", line[cut + len(_SEAL) : -3].decode("ascii", "replace")
 
 
+def is_whole(line: bytes) -> bool:
+    """Whether a line is complete and its content matches its hash."""
+    parts = unseal(line)
+    return parts is not None and sha256(parts[0]).hexdigest() == parts[1]
+
+
 def signed_message(payload: bytes) -> bytes:
     """What a signature in a record covers: the hashed bytes with the signature itself left empty.
 

@@ -13,7 +13,7 @@ import msgspec
 
 from logs.errors import AuditError, AuditFault
 from logs.journal import parted
-from logs.line import MAX_LINE
+from logs.line import MAX_LINE, is_whole
 from logs.reading.errors import UNDECODABLE, cause_of
 from logs.reading.regular import open_regular
 from logs.records import ActionEnd, Command, EventRaised, PatientChosen, Record, Refusal, Stop, decode_record
@@ -36,11 +36,15 @@ class UnreadableLine:
 
 def read(path: Path) -> Iterator[Record | UnreadableLine]:
     """Every line of a trail, in order. Raises AuditError when the file can't be read."""
+    return (understand(line, number) for number, line in _lines(path))
+
+
+def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
     try:
         with open_regular(path) as file:
             for number, line in enumerate(iter(partial(file.readline, MAX_LINE), b""), start=1):
                 if line != b"\n":
-                    yield understand(line, number)
+                    yield number, line
     except OSError as error:
         raise AuditError(AuditFault.TRAIL_UNREADABLE, path=path, detail=cause_of(error)) from error
 
@@ -48,6 +52,12 @@ def read(path: Path) -> Iterator[Record | UnreadableLine]:
 def records(path: Path) -> list[Record]:
     """The records of a trail that this version understands."""
     return [record for record in read(path) if isinstance(record, Record)]
+
+
+def whole_records(path: Path) -> list[Record]:
+    """The same without those in a torn stretch: a line there can read like a record."""
+    found = (understand(line, number) for number, line in _lines(path) if is_whole(line))
+    return [record for record in found if isinstance(record, Record)]
 
 
 def understand(line: bytes, number: int) -> Record | UnreadableLine:

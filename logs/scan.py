@@ -14,7 +14,7 @@ import msgspec
 from msgspec import Meta, Struct
 
 from logs.keys import PublicKey
-from logs.line import GENESIS, MAX_LINE, SEAL_LENGTH, SIGNED_KINDS, signed_message, unseal
+from logs.line import GENESIS, MAX_LINE, SEAL_LENGTH, SIGNED_KINDS, is_whole, signed_message, unseal
 from logs.reading.errors import UNDECODABLE
 from logs.reading.regular import open_regular
 from logs.reason import Reason, reason
@@ -140,8 +140,7 @@ class _Tear:
         self._hash.update(line[:-1])
         self._last = line[-1:]
         self._size += len(line)
-        parts = unseal(line)
-        if parts is not None and sha256(parts[0]).hexdigest() == parts[1]:
+        if is_whole(line):
             self._whole_line_behind = True
 
     def is_explained_by(self, scan: Scan, line: bytes, number: int, keys: Mapping[str, PublicKey]) -> bool:

@@ -15,7 +15,7 @@ from logs.manifest import Listing, manifest_paths, read_listings
 from logs.mirror import SUFFIX, copied, copied_files, differing
 from logs.reading.errors import cause_of
 from logs.reading.regular import open_regular
-from logs.reason import Reason, reason
+from logs.reason import Reason, key_of, reason
 from logs.records import SCHEMA, LogClosed, LogRecovered, SessionStart
 from logs.scan import Progress, Scan, scan_file
 
@@ -216,7 +216,7 @@ def _verify_folder(folder: Path, evidence: Evidence, progress: Progress | None) 
     files = sorted(folder.glob("*.jsonl"))
     findings = [_verify_one(path, evidence, progress) for path in files]
     if not manifest_paths(folder):
-        return findings + _no_manifest(folder, files, evidence)
+        return findings + _no_manifest(folder, findings, evidence)
     listing = evidence.listing(folder)
     own = listing.signers or evidence.keys  # the mirror may be another computer's, too
     named = dict.fromkeys(copied_files(evidence.copies, own), Verdict.MISSING_BY_MIRROR)
@@ -234,15 +234,18 @@ def _missing(folder: Path, named: Mapping[str, Verdict]) -> list[Finding]:
     ]
 
 
-def _no_manifest(folder: Path, files: list[Path], evidence: Evidence) -> list[Finding]:
-    named = dict.fromkeys(copied_files(evidence.copies, evidence.keys), Verdict.MISSING_BY_MIRROR)
+def _no_manifest(folder: Path, findings: list[Finding], evidence: Evidence) -> list[Finding]:
+    journals = [each.file for each in findings if is_journal(each.file) and each.status is not Status.UNREADABLE]
+    signers = {key for path in journals for key in scan_file(path, evidence.keys).signers}
+    own = signers or evidence.keys  # the mirror may be another computer's, too
+    named = dict.fromkeys(copied_files(evidence.copies, own), Verdict.MISSING_BY_MIRROR)
     named |= dict.fromkeys(evidence.anchors, Verdict.MISSING_BY_ANCHOR)
     if gone := _missing(folder, named):
         return gone
-    if not all(is_journal(path) for path in files):
+    if not all(is_journal(finding.file) for finding in findings):
         path = folder / MANIFEST
         return [Finding(file=path, status=Status.TAMPERED, reason=reason(Verdict.MANIFEST_MISSING))]
-    if files:
+    if findings:
         return []
     return [Finding(file=folder, status=Status.UNREADABLE, reason=reason(Verdict.NO_TRAIL_HERE))]
 
@@ -288,14 +291,16 @@ def _writers(copies: Mapping[str, object], finding: Finding, scan: Scan, evidenc
 
     Those that sign in it, or in its folder's manifest where it has no signature. Who rewrites a file signs with another
     key or none: without copies by those keys it must agree with the copies by all known keys, or by any where none is
-    known. But a trail that has no signature yet may be another computer's than the copies.
+    known. But a trail that a crash left without a signature may be another computer's than the copies.
     """
     own = (scan.signers or evidence.listing(finding.file.parent).signers) & copies.keys()
     if own:
         return own
     keys = (evidence.keys or copies).keys()
     known = keys & copies.keys()
-    may_be_others = not scan.signers and finding.status is not Status.SOUND and known != keys
+    recovered = key_of(Remark.RECOVERED) in {remark.code for remark in finding.remarks}
+    crashed = recovered or finding.status is not Status.SOUND
+    may_be_others = not scan.signers and crashed and known != keys
     return set() if may_be_others else known
 
 

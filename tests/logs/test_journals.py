@@ -193,6 +193,30 @@ def test_a_next_part_whose_first_record_was_torn_is_sound_again_with_the_next(jo
     assert found["changes-2.jsonl"] is Status.SOUND
 
 
+@pytest.mark.parametrize("name", JOURNALS)
+def test_a_next_part_that_was_created_and_not_written_begins_with_how_the_part_before_was_found(
+    journals: Trail, name: str
+) -> None:
+    path = journals.folder / name
+    _damage(path)
+    behind = path.with_name(f"{path.stem}-2.jsonl")
+    behind.touch()  # the disk was full, or the process died
+    append(journals.folder, name, journals.key, "later")
+    assert parts_of(path) == [path, behind]
+    first = records(behind)[0].body
+    assert isinstance(first, LogRecovered)
+    assert first.file == name
+    found = {finding.file.name: finding.status for finding in judged(journals.folder, journals.key)}
+    assert (found[name], found[behind.name]) == (Status.TAMPERED, Status.SOUND)
+
+
+def test_an_empty_part_behind_a_sound_one_is_not_gone_on_with(journals: Trail) -> None:
+    (journals.folder / "changes-2.jsonl").touch()
+    append(journals.folder, CHANGES, journals.key, "later")
+    assert (journals.folder / "changes-2.jsonl").read_bytes() == b""
+    assert exit_status(judged(journals.folder, journals.key)) == 0
+
+
 def test_comments_on_a_sessions_further_file_name_the_session(journals: Trail) -> None:
     comment = body_for(COMMENTS, journals.key, "seen")
     append_signed(journals.folder / f"s1-2{COMMENTS}", "comments s1", [comment], journals.key, moment(0))

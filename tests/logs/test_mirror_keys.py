@@ -77,6 +77,10 @@ def test_a_trail_without_a_signature_yet_is_not_the_other_computers(trail: Trail
     (found,) = verify([path], Evidence(keys=both, copies=mirror))
     assert found.status is Status.INCOMPLETE
     assert key_of(Remark.MIRROR_OF_OTHERS) in codes(found)
+    write_session(path.parent, "s2", key, Disk())  # the next start signs how s1 was found
+    (found,) = verify([path], Evidence(keys=both, copies=mirror))
+    assert found.status is Status.SOUND
+    assert codes(found) == {key_of(Remark.RECOVERED), key_of(Remark.MIRROR_OF_OTHERS)}
     whole = tmp_path / "whole"
     whole.mkdir()
     copy_to_mirror(mirror, write_session(whole, "s1", key, Disk()))
@@ -105,3 +109,14 @@ def test_a_home_put_back_to_before_its_first_session_is_missed_by_the_mirror(tra
     assert exit_status(found) == 1
     bad = {finding.file.name: finding.reason.code for finding in found if finding.reason}
     assert bad == {trail.session.name: key_of(Verdict.MISSING_BY_MIRROR)}
+
+
+def test_a_home_before_its_first_session_does_not_miss_the_other_computers_sessions(
+    trail: Trail, tmp_path: Path
+) -> None:
+    mirror, key = tmp_path / "mirror", load_or_make_key(tmp_path / "other")
+    copy_to_mirror(mirror, trail.session)
+    folder = tmp_path / "new"
+    append_signed(folder / OPERATORS, "operators", [SignIn(name="ann", role="engineer")], key, moment(0))
+    found = verify([folder], Evidence(keys=trail.keys | by_fingerprint([key.public]), copies=mirror))
+    assert [(finding.file.name, finding.status) for finding in found] == [(OPERATORS, Status.SOUND)]

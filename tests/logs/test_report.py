@@ -71,5 +71,21 @@ def test_only_comments_of_a_sound_file_about_this_sessions_records_are_on_its_re
     path.write_bytes(path.read_bytes().replace(b"was tired", b"was drunk"))
     page = report(three.folder / "s1.jsonl", evidence, render_recorded)
     assert "drunk" not in page
-    assert "The comments in s1.comments.jsonl are not shown: TAMPERED" in page
+    assert "Unproven comments in s1.comments.jsonl are not shown: TAMPERED" in page
     assert '<section class="proof sound">' in page
+
+
+@pytest.mark.parametrize("whole_line", [False, True])
+def test_signed_comments_before_a_torn_line_stay_on_the_report(three: Trail, whole_line: bool) -> None:
+    session = three.folder / "s1.jsonl"
+    path = commented(three, "was tired", records(session)[3])
+    forged = path.read_bytes().replace(b"was tired", b"was forged")  # it reads like a record; its hash does not match
+    with path.open("ab") as file:
+        file.write(forged if whole_line else forged[:-1])
+    page = report(session, Evidence(keys=three.keys), render_recorded)
+    assert ("<td>was tired</td>" in page, "forged" in page) == (True, False)
+    assert "s1.comments.jsonl are not shown: INCOMPLETE" in page
+    commented(three, "was better", records(session)[3])  # it signs how the file was found
+    page = report(session, Evidence(keys=three.keys), render_recorded)
+    assert ("<td>was tired</td>" in page, "<td>was better</td>" in page, "forged" in page) == (True, True, False)
+    assert "not shown" not in page
