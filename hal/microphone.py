@@ -8,13 +8,13 @@ from __future__ import annotations
 import wave
 from collections.abc import Callable
 from importlib import import_module
-from os.path import expanduser
 from pathlib import Path
 from typing import Any, Literal, Protocol
 
 from msgspec import Struct
 
 from hal.errors import HardwareError, MicrophoneFault
+from logs.reading.regular import path_named
 
 RATE_HZ = 16_000  # what the acoustic model was trained with
 BLOCK_SAMPLES = 1600  # 0.1 s
@@ -129,5 +129,5 @@ def load_library() -> Any:
 def make_microphone(voice: VoiceConfig, wait: Callable[[], object]) -> Microphone:
     """The one that is configured, not open yet; wait: for the length of a block, between those of a recording."""
     if voice.kind == "recording":
-        return RecordedMicrophone(Path(expanduser(voice.device)), wait)  # noqa: PTH111 - Path's own raises
+        return RecordedMicrophone(path_named(voice.device), wait)
     return PortAudioMicrophone(voice.device)

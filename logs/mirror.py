@@ -17,7 +17,7 @@ from logging.handlers import SysLogHandler
 from pathlib import Path
 
 from logs.line import unseal
-from logs.reading.regular import open_regular, read_bytes
+from logs.reading.regular import open_regular, path_named, read_bytes
 from logs.reason import Reason, reason
 from logs.scan import Head, head_of
 
@@ -78,7 +78,7 @@ class CheckpointCopy:
         if self._target == SYSLOG:
             _to_syslog(file, line)
         else:
-            _append(Path(self._target).expanduser() / (file + SUFFIX), line)
+            _append(path_named(self._target) / (file + SUFFIX), line)
 
 
 def _append(path: Path, line: bytes) -> None:

@@ -15,7 +15,6 @@ import time
 from enum import Enum, auto
 from hashlib import sha256
 from importlib.metadata import version
-from pathlib import Path
 from types import FrameType
 
 import msgspec
@@ -33,6 +32,7 @@ from logs.disk import Disk
 from logs.journal import Moment
 from logs.keys import ConsoleKey, load_or_make_key
 from logs.mirror import CheckpointCopy
+from logs.reading.regular import path_named
 from logs.reason import Reason, reason
 from logs.records import Body, Entry, EventRaised, Loss, PatientChosen, RecordsLost, SessionStart, SignIn
 from logs.trail import DiskFault
@@ -259,7 +259,7 @@ def start_record(setup: SessionSetup) -> SessionStart:
 
 def _versions(setup: SessionSetup) -> dict[str, str]:
     found = program_identity() | {name: version(name) for name in LIBRARIES}
-    model = Path(setup.config.model).expanduser() if setup.config.model else Home(setup.home).models / MODEL_NAME
+    model = path_named(setup.config.model) if setup.config.model else Home(setup.home).models / MODEL_NAME
     if model.is_file():
         found["hand model, SHA-256"] = sha256(model.read_bytes()).hexdigest()
     return found | {"python": platform.python_version(), "system": platform.platform()}

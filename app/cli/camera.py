@@ -29,6 +29,7 @@ from hal.cameras.intrinsics import Board, Corners, find_corners, save
 from hal.cameras.intrinsics import calibrate as solve
 from hal.cameras.playback import image_files, read_image
 from hal.errors import CameraFault, HardwareError, RecordingFault
+from logs.reading.regular import path_named
 from logs.reason import key_of
 from profiles.store import ProfileStore
 
@@ -182,7 +183,7 @@ def _find_boards(board: Board, images: Generator[ImageArray, None, None]) -> tup
 
 def _images(source: str, camera: str, home: Home) -> tuple[str, Generator[ImageArray, None, None]]:
     """The camera's name, and images of the board: of a folder, or one a second of a live camera."""
-    folder = Path(source).expanduser()
+    folder = path_named(source)
     if folder.is_dir():
         if not camera:
             raise HardwareError(CameraFault.CAMERA_NAME_MISSING)

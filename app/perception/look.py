@@ -13,8 +13,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
-from os.path import exists, expanduser
-from pathlib import Path
+from os.path import exists
 from typing import TYPE_CHECKING
 
 import msgspec
@@ -24,6 +23,7 @@ from app.system.config import RATES_HZ, CameraConfig, SessionSetup, with_camera
 from app.system.diagnostics_log import discard_output
 from app.system.errors import AppError
 from app.system.scheduling import pin_to_control_core
+from logs.reading.regular import path_named
 from logs.reason import Reason, reason, reason_of
 from profiles.schema import DistanceUsed
 
@@ -110,8 +110,8 @@ def kind_of(source: str) -> tuple[str, str]:
 
 
 def _exists(source: str) -> bool:
-    """Whether a file or folder has this name; Path's own methods raise for an unknown user's or too long a name."""
-    return exists(expanduser(source))  # noqa: PTH110, PTH111
+    """Whether a file or folder has this name; Path's own method raises for too long a name."""
+    return exists(path_named(source))  # noqa: PTH110
 
 
 def refuse_same_device(first: CameraConfig, second: CameraConfig) -> None:
@@ -127,7 +127,7 @@ def _device_of(camera: CameraConfig) -> str:
 
         return str(find_webcam(camera.device, list_webcams()).index)
     if camera.kind == "recording" or camera.device.lower().endswith((".bag", ".db3")):
-        return str(Path(camera.device).expanduser().resolve())
+        return str(path_named(camera.device).resolve())
     if camera.device:
         return camera.device
     from hal.cameras.realsense import list_realsense

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from enum import Enum
-from os.path import expanduser, realpath
+from os.path import realpath
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -20,6 +20,7 @@ from hal.joints.device import EMULATED_INTERFACES
 from hal.microphone import VoiceConfig
 from logs.reading.errors import cause_of
 from logs.reading.formats import read_toml
+from logs.reading.regular import path_named
 from profiles.schema import Profile
 
 if TYPE_CHECKING:
@@ -184,7 +185,7 @@ def with_camera(settings: CameraConfig, kind: str, device: str) -> CameraConfig:
 def _same_device(kind: str, first: str, second: str) -> bool:
     """Whether two names are one device's; of a recording, one path's."""
     if kind == "recording":
-        first, second = (realpath(expanduser(each)) for each in (first, second))  # noqa: PTH111 - Path's own raises
+        first, second = (realpath(path_named(each)) for each in (first, second))
     return first == second or (kind == "webcam" and same_webcam(first, second))
 
 

@@ -19,6 +19,7 @@ from pathlib import Path
 from app.system.config import Config
 from app.system.errors import AppError
 from app.system.paths import Home
+from logs.reading.regular import path_named
 
 MODEL_NAME = "hand_landmarker.task"
 BUNDLE_SHA256 = "ef3f184fa8d5e6905ea4770282627d6937975119af763054312d05985c059bda"
@@ -54,7 +55,7 @@ class ModelFault(Enum):
 def find_model(home: Home, config: Config) -> Path:
     """The model this home uses. Raises AppError when it is missing or not the one that was checked."""
     if config.model:
-        path = Path(config.model).expanduser()
+        path = path_named(config.model)
         if not path.is_file():
             raise AppError(ModelFault.CONFIGURED_MISSING, path=path)
         return path

@@ -18,6 +18,7 @@ import platformdirs
 
 from app.system.errors import AppError
 from logs.reading.errors import cause_of
+from logs.reading.regular import path_named
 
 RECORDING_SUFFIX = ".mcap"
 PICTURES_SUFFIX = ".pictures.mcap"
@@ -102,7 +103,7 @@ def find_home(given: Path | None = None) -> Home:
     """
     chosen = given or os.environ.get("RLEEX_HOME") or platformdirs.user_data_dir("rleex")
     try:
-        root = Path(chosen).expanduser()
+        root = path_named(chosen)
         is_folder = stat.S_ISDIR(root.stat().st_mode)
     except FileNotFoundError:
         is_folder = True  # it is made when first written to

@@ -16,6 +16,7 @@ from app.system.config import Config
 from app.system.hand_model import BUNDLE_SHA256
 from kgdfa.gesture import Explanation, Gesture
 from kgdfa.vocabulary import VocabularyProof
+from logs.reading.regular import path_named
 from logs.reason import reason_of
 from logs.records import VocabularyEnrolled
 from profiles.schema import GestureEvidence, GestureUsed, Profile, VocabularyEvidence
@@ -112,7 +113,7 @@ def enrolment_record(profile: Profile, refusal: Explanation | None = None) -> Vo
 
 def recognition_hash(config: Config) -> str:
     """SHA-256 of what recognises gestures: the rules' name, their code and fitted model, the hand model."""
-    hand = _hash_of(Path(config.model).expanduser()) if config.model else BUNDLE_SHA256
+    hand = _hash_of(path_named(config.model)) if config.model else BUNDLE_SHA256
     rules = (_hash_of(Path(str(resources.files("kgdfa") / name))) for name in RULES)
     return sha256("\n".join((config.rules, *rules, hand)).encode()).hexdigest()
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from hal.cameras.camera import Camera
 from hal.errors import CameraFault, HardwareError, RecordingFault
+from logs.reading.regular import path_named
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -83,7 +84,7 @@ def _webcam(wanted: CameraRequest) -> Camera:
 def _recording(wanted: CameraRequest) -> Camera:
     from hal.cameras.playback import PlaybackCamera, RecordedFrame, folder_source, video_source
 
-    path = Path(wanted.device).expanduser()
+    path = path_named(wanted.device)
 
     def source() -> Iterator[RecordedFrame]:  # looked for when it is opened, as a webcam is: a session tells why not
         if not wanted.device:

@@ -23,6 +23,7 @@ from hal.cameras.camera import DepthArray, EndOfRecording, Frame, ImageArray, In
 from hal.cameras.intrinsics import check_possible
 from hal.cameras.realsense_streams import PipelineStreams, SensorStreams, Streams
 from hal.errors import CameraFault, HardwareError, RecordingFault
+from logs.reading.regular import path_named
 
 RECORDINGS = frozenset({".bag", ".db3"})
 GRAB_MS = 200
@@ -87,7 +88,7 @@ class RealSenseCamera:
         """Start it. Raises HardwareError: no library, no camera, a slow port, a recording that can't be read."""
         rs = library()
         config = rs.config()
-        path = Path(self._device).expanduser()
+        path = path_named(self._device)
         try:
             if self._software is not None:
                 self._name = _info(rs, self._software, "name") or "RealSense"

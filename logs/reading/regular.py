@@ -1,4 +1,4 @@
-"""Regular files within a size: no device, pipe, socket or folder is opened for reading."""
+"""Files that people name: regular ones within a size, no device, pipe, socket or folder."""
 
 from __future__ import annotations
 
@@ -11,6 +11,11 @@ from logs.reading.errors import InputError, InputFault
 
 MAX_TEXT = 16 << 20  # bytes of a table or a list of JSON lines
 MAX_IMAGE = 64 << 20
+
+
+def path_named(text: str | Path) -> Path:
+    """The path that a person typed. `~` of a user who does not exist stays: `Path.expanduser` raises RuntimeError."""
+    return Path(os.path.expanduser(text))  # noqa: PTH111
 
 
 def open_regular(path: Path, limit_bytes: int | None = None) -> BinaryIO:

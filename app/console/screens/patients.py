@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import ClassVar, TypeVar
 
 import msgspec
@@ -26,6 +25,7 @@ from app.console.widgets.patient_details import PatientOrder, describe, in_order
 from app.system.errors import AppError
 from app.system.operators import Permission
 from app.text.catalogue import render, tr
+from logs.reading.regular import path_named
 from profiles.schema import DEMO_PATIENT, Profile
 from profiles.store import Change
 
@@ -286,14 +286,14 @@ class PatientsScreen(ConsoleScreen):
     def _export(self, typed: str | None) -> None:
         if typed and (profile := self._chosen()):
             with self.notify_errors():
-                path = Path(typed).expanduser()
+                path = path_named(typed)
                 self.console_app.store.export(profile.identifier, path)
                 self.notify(tr("patients.exported", path=path.absolute()))
 
     def _import(self, typed: str | None) -> None:
         if typed:
             with self.notify_errors():
-                path = Path(typed).expanduser()
+                path = path_named(typed)
                 profile = self.console_app.store.import_file(path, by=self.console_app.authority, at=datetime.now(UTC))
                 self.notify(tr("patients.imported", name=profile.identifier))
             self.reload()

@@ -165,17 +165,22 @@ class SocketCanJoints:
         router = self._routers[drive.device.can_bus]
         for register in wanted:
             router.expect_register(drive, register, reported)
-            question = damiao.read_register(drive.device.can_id, register)
-            asked = 0
-            while register not in reported and asked < lifecycle.ATTEMPTS:
-                self.send(drive, [drive.ask(question, time.monotonic_ns())])
-                self.listen(lambda register=register: register in reported, 0.05)  # type: ignore[misc]
-                asked += 1
+            asked = self._ask_register(drive, register, reported)
             if not reported:
                 break
             if register in reported and asked == 1:
                 router.forget_register(drive, register)
         return reported
+
+    def _ask_register(self, drive: Drive, register: int, reported: dict[int, float]) -> int:
+        """Ask until it is reported, or often enough; how often."""
+        question = damiao.read_register(drive.device.can_id, register)
+        for asked in range(lifecycle.ATTEMPTS):
+            if register in reported:
+                return asked
+            self.send(drive, [drive.ask(question, time.monotonic_ns())])
+            self.listen(lambda: register in reported, 0.05)
+        return lifecycle.ATTEMPTS
 
     def take_bus_fault(self) -> HardwareError | None:
         """What is wrong with the buses since the last call (for the life cycle)."""

@@ -147,6 +147,7 @@ BASE = CameraConfig(kind="webcam", device="0", focal_px=900.0, mirrored=True)
         ("digital-d435i:7@10", ("digital-hand", "", 7, True, 10.0), DistanceUsed.DEPTH),
         ("realsense@15", ("realsense", "", 1, False, 15.0), DistanceUsed.DEPTH),
         ("/data/one.bag", ("realsense", "/data/one.bag", 1, False, 30.0), DistanceUsed.DEPTH),
+        ("~nobody-here/x.avi", ("recording", "~nobody-here/x.avi", 1, False, 30.0), DistanceUsed.MONOCULAR),
         ("C920", ("webcam", "C920", 1, False, 30.0), DistanceUsed.MONOCULAR),
         ("0@15", ("webcam", "0", 1, False, 15.0), DistanceUsed.MONOCULAR),
     ],
@@ -172,6 +173,16 @@ def test_a_folder_whose_name_ends_as_a_rate_does_is_taken_as_it_is(tmp_path: Pat
     folder.mkdir()
     made = [parse_camera(f"{folder}{rate}", BASE)[0] for rate in ("", "@10")]
     assert [(one.device, one.rate_hz) for one in made] == [(str(folder), 30.0), (str(folder), 10.0)]
+
+
+def test_a_recording_keeps_its_own_lens_however_its_path_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    base = CameraConfig(kind="recording", device="~/x.avi", focal_px=900.0, mirrored=True)
+    same, other = (parse_camera(f"{tmp_path}/{name}", base)[0] for name in ("x.avi", "y.avi"))
+    assert (same.focal_px, same.mirrored) == (900.0, True)
+    assert (other.focal_px, other.mirrored) == (None, False)
 
 
 def test_two_names_of_one_device_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

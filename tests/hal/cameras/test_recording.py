@@ -51,6 +51,8 @@ def test_a_mirrored_camera_is_turned_back(kept: Kept) -> None:
 def test_missing_empty_and_damaged_sources_are_refused_by_name(tmp_path: Path) -> None:
     with refused(RecordingFault.NOT_FOUND, path=tmp_path / "nothing.avi"):
         open_camera("recording", device=str(tmp_path / "nothing.avi")).open()
+    with refused(RecordingFault.NOT_FOUND, path=Path("~nobody-here/a.avi")):
+        open_camera("recording", device="~nobody-here/a.avi").open()
     with refused(RecordingFault.NOT_NAMED):
         open_camera("recording").open()
     (tmp_path / "empty").mkdir()

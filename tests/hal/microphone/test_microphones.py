@@ -49,6 +49,13 @@ def test_a_recording_may_be_named_from_the_users_home(tmp_path: Path, monkeypatc
     microphone.close()
 
 
+def test_a_recording_in_the_home_of_an_unknown_user_can_t_be_opened() -> None:
+    microphone = make_microphone(VoiceConfig(kind="recording", device="~nobody-here/a.wav"), lambda: None)
+    with pytest.raises(HardwareError) as raised:
+        microphone.open()
+    assert raised.value.code is MicrophoneFault.NOT_OPENED
+
+
 @pytest.mark.parametrize("form", [(8000, 1), (RATE_HZ, 2)])
 def test_another_format_is_refused(tmp_path: Path, form: tuple[int, int]) -> None:
     microphone = RecordedMicrophone(write_wav(tmp_path / "a.wav", bytes(800), *form))

@@ -11,7 +11,7 @@ from hal.joints.codecs import damiao
 from hal.joints.codecs.wire import Frame, Order, WireQuantity
 from hal.joints.emulator.firmware import EmulatedDrive
 from hal.joints.protocol import DriveState, Joint
-from tests.support.can_rig import MakeRig, command, with_motor
+from tests.support.can_rig import CanRig, MakeRig, command, with_motor
 from tests.support.errors import refused
 
 KNEE = Joint.LEFT_KNEE
@@ -35,13 +35,18 @@ def lose(
     return powered
 
 
-def test_a_v3_drive_whose_orders_were_lost_is_powered_by_no_question(
-    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def with_v3_that_loses(make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch, orders: int) -> tuple[CanRig, list[bool]]:
+    """A knee that does not hear so many orders to disable; whether it had power after each other frame."""
     rig = make_rig(with_motor("AK80-64/V3"))
     knee = rig.emulator.drives[KNEE]
     off = knee._codec.order(knee.device.can_id, Order.DISABLE)
-    powered = lose(monkeypatch, knee, 2, lambda frame: frame in off)
+    return rig, lose(monkeypatch, knee, orders, lambda frame: frame in off)
+
+
+def test_a_v3_drive_whose_orders_were_lost_is_powered_by_no_question(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rig, powered = with_v3_that_loses(make_rig, monkeypatch, 2)
     rig.joints.open(rig.now_ns())
     at_probe = rig.joints.read(rig.now_ns()).measured_ns.copy()
     feedback = rig.until(lambda now: (now.measured_ns > at_probe).all(), command())
@@ -54,10 +59,7 @@ def test_a_v3_drive_whose_orders_were_lost_is_powered_by_no_question(
 def test_a_v3_drive_that_answers_no_order_is_refused_without_power(
     make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    rig = make_rig(with_motor("AK80-64/V3"))
-    knee = rig.emulator.drives[KNEE]
-    off = knee._codec.order(knee.device.can_id, Order.DISABLE)
-    powered = lose(monkeypatch, knee, 100, lambda frame: frame in off)
+    rig, powered = with_v3_that_loses(make_rig, monkeypatch, 100)
     with refused(DrivesFault.NO_REPLY, joints=(KNEE,)):
         rig.joints.open(rig.now_ns())
     assert not any(powered)
