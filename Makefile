@@ -64,8 +64,9 @@ pictures: $(DEV_STAMP) model
 	@$(BIN)/python tools/pictures.py
 	@$(BIN)/python tools/screen_sheets.py
 
+# As few versions of a package as its wheels allow, over all Pythons (docs/decisions.md).
 LOCK := $(BIN)/uv pip compile pyproject.toml --universal --python-version 3.11 --overrides tools/overrides.txt \
-    --generate-hashes --no-emit-index-url --no-emit-find-links --no-annotate --no-header
+    --fork-strategy fewest --generate-hashes --no-emit-index-url --no-emit-find-links --no-annotate --no-header
 lock: $(DEV_STAMP)
 	@$(LOCK) --extra dev --extra realsense -o requirements-dev.lock
 	@$(LOCK) --extra build --extra realsense --constraint requirements-dev.lock -o requirements.lock
