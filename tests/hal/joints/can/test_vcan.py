@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import pty
 import re
 import shutil
 import subprocess
@@ -172,7 +171,7 @@ def _sent(channel: str) -> bool:
 
 def test_python_cans_own_viewer_shows_the_drives(rig: CanRig) -> None:
     interface, channel = bus_of_test()
-    host, terminal = pty.openpty()
+    host, terminal = os.openpty()
     os.set_blocking(host, False)
     viewer = [sys.executable, "-m", "can.viewer", "-i", interface, "-c", channel]
     environment = {**os.environ, "TERM": "xterm", "LINES": "40", "COLUMNS": "120"}
