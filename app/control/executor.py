@@ -11,7 +11,7 @@ from app.control.gait.machine import Change, Gait
 from app.control.inputs import ActionRequest, DriveOrder
 from app.control.requests import refuse
 from app.control.running_action import RunningAction, Stage, end_record, ended, plan_record, plan_request
-from app.control.state import Tick
+from app.control.state import ControlState, Tick
 from app.ipc.states import Action, Effect, GaitState, Outcome, RequestRefusal
 from app.ipc.streams import NS_PER_MS, PLAN_REPLY
 from app.motion import follower
@@ -38,6 +38,14 @@ def next_step_missing(tick: Tick) -> bool:
     if state.running is None or not state.gait.walking or state.motion.mode is not Mode.MOVING:
         return False
     return state.motion.rows_left <= LAST_CALL_ROWS and _next_phase(state.gait) not in state.running.next_steps
+
+
+def step_onward(state: ControlState) -> Plan | None:
+    """The planned step that goes on from the end of a walk's running one: the commanded one, or else the other."""
+    if state.running is None or not state.gait.walking:
+        return None
+    steps = state.running.next_steps
+    return steps.get(_next_phase(state.gait)) or next(iter(steps.values()), None)
 
 
 def probe_planner(tick: Tick) -> None:

@@ -157,10 +157,11 @@ class Control:
             self._cleared = self._clearance()  # a pre-flight may have passed meanwhile; it reads files
         if self._tick % PARENT_TICKS == 0:
             self._must_end = self._must_end or self._setup.orphaned
+        passed_ns = time.monotonic_ns() - now_ns  # of this tick; it may have been frozen in it, and the clocks go on
         return Inputs(
             now_ns=now_ns,
-            wall_ns=time.time_ns(),
-            boot_ns=time.clock_gettime_ns(time.CLOCK_BOOTTIME),
+            wall_ns=time.time_ns() - passed_ns,
+            boot_ns=time.clock_gettime_ns(time.CLOCK_BOOTTIME) - passed_ns,
             feedback=feedback,
             late_ns=late_ns,
             missed_ticks=missed,

@@ -305,17 +305,17 @@ def _reset_stops(tick: Tick, left: set[Event]) -> None:
 def _arm(tick: Tick, command: OperatorCommand) -> None:
     untimely = untimely_key(command.sent_ns, tick.now_ns)
     if untimely is not None:
-        _refuse_arming(tick, reason(untimely[0]))
+        _refuse_command(tick, reason(untimely[0]))
         return
     poor = exceeded_figure(link_figures(tick.state.streams.link))
     if poor is not None:  # refused with the figure, not armed and then refused gesture by gesture
-        _refuse_arming(tick, reason(RequestRefusal.LINK_POOR, **link_values(poor)))
+        _refuse_command(tick, reason(RequestRefusal.LINK_POOR, **link_values(poor)))
         return
     tick.update(armed_ns=tick.now_ns)
     tick.audit.append(records.Arming(armed=True, at_ns=tick.now_ns))
 
 
-def _refuse_arming(tick: Tick, why: Reason) -> None:
+def _refuse_command(tick: Tick, why: Reason) -> None:
     tick.show_refusal(why)
     tick.audit.append(records.Note(text=why))
 
@@ -348,7 +348,9 @@ def _torque_off(tick: Tick, _: OperatorCommand) -> None:
     elif tick.state.motion.mode is Mode.DISABLED:
         tick.drives = DriveOrder.DISABLE
     else:
-        tick.show_refusal(reason(RequestRefusal.TORQUE_OFF_NEEDS_DAMPING))
+        _refuse_command(tick, reason(RequestRefusal.TORQUE_OFF_NEEDS_DAMPING))
+        return
+    tick.audit.append(records.Note(text=reason(RequestRefusal.TORQUE_OFF)))
 
 
 def _take_over(tick: Tick, command: OperatorCommand) -> None:

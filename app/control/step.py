@@ -18,6 +18,7 @@ from app.control.executor import (
     next_step_missing,
     planner_timed_out,
     probe_planner,
+    step_onward,
     stop_action,
 )
 from app.control.gait.machine import Change
@@ -152,6 +153,8 @@ def _note_silence(tick: Tick, joints: JointDiagnostics, sank: bool) -> None:
 def _apply_effect(tick: Tick) -> None:
     """Apply the strongest effect in force, before any request is answered."""
     effect = tick.state.effect
+    if tick.drives is DriveOrder.DISABLE:  # torque off: what waits for its plan or for power ends
+        _interrupt(tick, reason(RequestRefusal.TORQUE_OFF))
     if tick.state.motion.mode is not Mode.DISABLED and not tick.state.streams.powered:
         _lose_power(tick)
     elif effect is Effect.DAMP:
@@ -183,15 +186,16 @@ def _unheld(state: ControlState) -> frozenset[Joint]:
     return state.sunk
 
 
-def _interrupt(tick: Tick) -> None:
-    """End what runs. Legs at rest keep their gait state, unless they will be damped."""
+def _interrupt(tick: Tick, why: Reason | None = None) -> None:
+    """End what runs. Legs at rest keep their gait state, unless they will be damped. why: as of `stop_action`."""
     state = tick.state
     planning = state.running is not None and state.running.stage is Stage.PLANNING
     if state.motion.mode is Mode.DISABLED or (planning and state.effect is Effect.HOLD):
         tick.change_gait(Change.ABANDONED)  # nothing has moved yet
     else:
+        tick.update(motion=replace(state.motion, onward=step_onward(state)))  # a walk's step ends with the legs moving
         tick.change_gait(Change.INTERRUPTED)
-    stop_action(tick)
+    stop_action(tick, why)
 
 
 def _lose_power(tick: Tick, why: Reason | None = None) -> None:
@@ -225,13 +229,15 @@ def _advance_motion(tick: Tick) -> None:
 
 
 def _disable_drives(tick: Tick) -> None:
-    """Torque off at the operator's command or the session's end, once the joints are fully damped.
+    """Torque off at the operator's command, after the guardian's or at the session's end, once the joints are damped.
 
     Before the tick's own command: while the last stiffness is on the drives, a neutral command would be a jump.
     """
     state = tick.state
+    guardian = state.streams.guardian
     damped_ns = END_HOLD_NS + DAMP_NS if state.unattended else 0
-    wanted = state.torque_off or (state.ending_ns and tick.now_ns - state.ending_ns >= damped_ns)
+    ended = state.ending_ns > 0 and tick.now_ns - state.ending_ns >= damped_ns
+    wanted = state.torque_off or ended or (guardian is not None and guardian.off)
     if wanted and state.motion.fully_damped:
         tick.drives = DriveOrder.DISABLE
         _lose_power(tick, reason(RequestRefusal.TORQUE_OFF))
@@ -264,9 +270,9 @@ def _session(tick: Tick) -> SessionDiagnostics:
 
 
 def _event_records(before: RaisedEvents, after: RaisedEvents, now_ns: int) -> list[records.Body]:
-    """Records of the events that came into force and of those that went."""
-    was = {one.event: one for one in before}
-    still = {one.event for one in after}
+    """Records of the events that went and of those that came into force; one that was raised anew is among both."""
+    was = {(one.event, one.since_ns) for one in before}
+    still = {(one.event, one.since_ns) for one in after}
     raised: list[records.Body] = [
         records.EventRaised(
             event=one.event.value,
@@ -276,15 +282,15 @@ def _event_records(before: RaisedEvents, after: RaisedEvents, now_ns: int) -> li
             **compared_fields(one.compared),
         )
         for one in after
-        if one.event not in was
+        if (one.event, one.since_ns) not in was
     ]
     lost: list[records.Body] = [
         records.HeartbeatLost(stream=STREAM_OF[one.event].name, age_ms=_age_ms(one))
         for one in after
-        if one.event not in was and one.event in STREAM_OF
+        if (one.event, one.since_ns) not in was and one.event in STREAM_OF
     ]
-    gone = [body for one in before if one.event not in still for body in _cleared(one, now_ns)]
-    return [*raised, *lost, *gone]
+    gone = [body for one in before if (one.event, one.since_ns) not in still for body in _cleared(one, now_ns)]
+    return [*gone, *raised, *lost]
 
 
 def _cleared(one: RaisedEvent, now_ns: int) -> list[records.Body]:

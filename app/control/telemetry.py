@@ -17,6 +17,7 @@ from app.control.state import ControlState
 from app.ipc.messages import ActiveEvent, ControlSnapshot, JointSnapshot, Lateness, RealTime, StopInputSnapshot
 from app.ipc.states import Action, RequestRefusal, Source
 from app.ipc.streams import NS_PER_MS
+from app.motion.follower import Mode
 from hal.joints.protocol import Joint, JointArray, JointFeedback
 from logs.reason import Quad, Reason, reason
 from logs.records import JointStatistics
@@ -44,6 +45,7 @@ def snapshot(state: ControlState, inputs: Inputs, status: LoopStatus) -> Control
         armed=state.armed_ns > 0,
         patient_confirmed=state.patient_confirmed,
         enabled=state.streams.powered,
+        damped=state.motion.mode is Mode.DAMPED,
         action=gait.running,
         progress=state.motion.progress,
         pending=Action.WALK_END if gait.closing else None,

@@ -234,6 +234,7 @@ class ControlSnapshot(Struct, frozen=True, kw_only=True, tag="control"):
     armed: bool
     patient_confirmed: bool
     enabled: bool  # the drives are powered
+    damped: bool = False  # or on the way to it, by an event in force or one that has been acknowledged
     action: Action | None = None
     progress: float = 0.0  # of the running plan, 0-1
     pending: Action | None = None  # gesture 6, latched
@@ -291,6 +292,7 @@ class GuardianHealth(Struct, frozen=True, kw_only=True, tag="guardian-health"):
 
     at_ns: int
     acted: bool = False
+    off: bool = False  # it has damped the joints and is switching them off
     fault: Reason | None = None  # why it can't reach the drives
     unanswered: tuple[str, ...] = ()  # joints whose drives have not answered its damping, or its switching off
     foreign_peers: int = 0  # without the session's key, turned away so far

@@ -78,6 +78,7 @@ class Motion(Struct, frozen=True, kw_only=True):
     mode: Mode = Mode.DISABLED
     command: JointCommand = NEUTRAL
     plan: Plan | None = None
+    onward: Plan | None = None  # of a walk that was stopped: the step that it slows down along when its plan ends
     row: float = 0.0  # position in the plan
     path_rate: float = 1.0  # rows a tick; a hold or a pause ramps it to 0, the end of a pause back to 1
     offset_rad: JointArray | None = None  # of the command from the plan at its start
@@ -132,6 +133,7 @@ def start_plan(motion: Motion, plan: Plan) -> Motion:
         motion,
         mode=Mode.MOVING,
         plan=plan,
+        onward=None,
         row=0.0,
         path_rate=motion.path_rate if motion.mode is Mode.MOVING else 1.0,
         offset_rad=motion.command.position_rad - plan.position_rad[0],
@@ -140,9 +142,8 @@ def start_plan(motion: Motion, plan: Plan) -> Motion:
 
 def hold(motion: Motion) -> Motion:
     """Hold at the last command."""
-    return replace(
-        motion, mode=Mode.HOLDING, plan=None, command=dataclasses.replace(motion.command, velocity_rad_s=_ZERO)
-    )
+    command = dataclasses.replace(motion.command, velocity_rad_s=_ZERO)
+    return replace(motion, mode=Mode.HOLDING, plan=None, onward=None, command=command)
 
 
 def resume_from(motion: Motion, written: JointCommand) -> Motion:
@@ -216,10 +217,14 @@ def _ramping_to_stiffness(motion: Motion, gains: Gains) -> Motion:
 
 def _moving(motion: Motion, gains: Gains, slope: int) -> Motion:
     """slope: ticks by which the path's rate goes up, or down where it is negative."""
+    rate = min(1.0, max(0.0, motion.path_rate + slope / (HOLD_S * TICK_HZ)))
+    row = motion.row + rate
+    if motion.onward is not None and rate > motion.rows_left:
+        row = rate - motion.rows_left
+        motion = _at_end(motion, motion.onward)
     plan = motion.plan
     assert plan is not None
-    rate = min(1.0, max(0.0, motion.path_rate + slope / (HOLD_S * TICK_HZ)))
-    row = min(motion.row + rate, float(len(plan.position_rad) - 1))
+    row = min(row, float(len(plan.position_rad) - 1))
     fade, fade_speed = _fade(row, len(plan.position_rad) - 1)
     offset = _ZERO if motion.offset_rad is None else motion.offset_rad
     command = JointCommand(
@@ -230,6 +235,13 @@ def _moving(motion: Motion, gains: Gains, slope: int) -> Motion:
         torque_nm=_slewed(motion.command.torque_nm, gains.assist * _at(plan.torque_nm, row), gains.torque_slew_nm),
     )
     return replace(motion, row=row, path_rate=rate, command=command)
+
+
+def _at_end(motion: Motion, onward: Plan) -> Motion:
+    """Where the running plan ends, with the one that goes on from there."""
+    assert motion.plan is not None
+    end = dataclasses.replace(motion.command, position_rad=motion.plan.position_rad[-1])
+    return start_plan(replace(motion, command=end), onward)
 
 
 def _ramping_to_damping(motion: Motion, gains: Gains) -> Motion:

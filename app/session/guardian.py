@@ -172,6 +172,7 @@ class Guardian:
                 GuardianHealth(
                     at_ns=now_ns,
                     acted=acted,
+                    off=self._state.action is GuardianAction.SWITCH_OFF,
                     fault=self._fault,
                     unanswered=tuple(joint.name.lower() for joint in self._unanswered[1]),
                     foreign_peers=self._foreign_peers,

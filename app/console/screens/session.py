@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
@@ -13,6 +14,7 @@ from textual.containers import Container, Vertical
 
 from app.console import keys
 from app.console.guidance import guidance_line
+from app.console.screens.after import summarise
 from app.console.screens.base import HandKeys
 from app.console.screens.checks import Checklist
 from app.console.screens.compare import CompareScreen
@@ -97,6 +99,17 @@ class SessionScreen(HandKeys):
         for panel in self.query(StatePanel):
             panel.show(state)
 
+    def discard(self) -> None:
+        """The session ends with the program, without note and ratings: it belongs in the list all the same.
+
+        One that goes on does not yet: watched, left for another console, or not taken over.
+        """
+        app, live = self.console_app, self.console_app.live
+        if live is None or live.state.snapshot is None or app.read_only or live.left or not live.host.commands:
+            return
+        with self.notify_errors():
+            app.sessions.add(summarise(live.state, datetime.now(UTC).isoformat(timespec="seconds")))
+
     def on_events_panel_clicked(self) -> None:
         self.action_acknowledge()
 
@@ -140,7 +153,8 @@ class SessionScreen(HandKeys):
     def action_torque_off(self) -> None:
         """After a damping: the joints off, on the operator's word."""
         state = self.console_app.live_state()
-        if state is None or state.effect is not Effect.DAMP:
+        snapshot = None if state is None else state.snapshot
+        if snapshot is None or not (snapshot.effect is Effect.DAMP or snapshot.damped):
             self.notify(tr("torque_off.only_damped"), severity="warning")
             return
         torque_off = partial(self._send, OperatorKind.TORQUE_OFF)

@@ -152,8 +152,9 @@ def _raised(row: Row, diagnostics: Diagnostics) -> RaisedEvent:
 def _updated(one: RaisedEvent, diagnostics: Diagnostics, acknowledged_ns: int, *, present: bool) -> RaisedEvent | None:
     """The event a tick later; None when it is over."""
     acknowledged = one.acknowledged or acknowledges(acknowledged_ns, one)
+    if present and acknowledged and ROW[one.event].latch is Latch.ALWAYS:
+        return _raised(ROW[one.event], diagnostics)  # again, in the acknowledgement's tick: it waits for another one
     if present:
-        acknowledged = acknowledged and not ROW[one.event].acknowledged_when_gone
         return replace(
             one,
             present=True,

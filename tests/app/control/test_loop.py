@@ -12,6 +12,7 @@ import pytest
 
 from app.control import loop
 from app.control.drives import Drives
+from app.control.inputs import HOST_SUSPENDED_S
 from app.control.links import ControlLinks, Received
 from app.control.loop import Control
 from app.ipc.links import new_link_directory
@@ -94,13 +95,10 @@ class Links(ControlLinks):
         """Nothing is open."""
 
 
-@pytest.mark.parametrize("off_tick", range(20, 25))
-def test_a_wait_for_the_drives_loses_no_heartbeat_of_audit_or_guardian(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, off_tick: int
-) -> None:
-    """Their messages came meanwhile, in whichever tick the slow streams are read."""
+@pytest.fixture
+def setup(tmp_path: Path) -> SessionSetup:
     (tmp_path / "links").mkdir(mode=0o700)
-    setup = SessionSetup(
+    return SessionSetup(
         session="s",
         home=tmp_path,
         links=new_link_directory(tmp_path / "links"),
@@ -109,6 +107,23 @@ def test_a_wait_for_the_drives_loses_no_heartbeat_of_audit_or_guardian(
         operator="",
         host_pid=os.getppid(),
     )
+
+
+def test_a_tick_that_was_frozen_is_no_sleep_of_the_computer_and_no_step_of_its_clock(setup: SessionSetup) -> None:
+    with closing(Control(setup, RealTime())) as control:
+        control._links.close()
+        control._links = Links(off_tick=9)
+        now_ns = time.monotonic_ns()
+        inputs = [control._read(began_ns, 0, 0) for began_ns in (now_ns, now_ns - WAIT_NS)]
+    before, frozen = [(one.boot_ns - one.now_ns, one.wall_ns - one.now_ns) for one in inputs]
+    assert frozen == pytest.approx(before, abs=HOST_SUSPENDED_S * 1e9)
+
+
+@pytest.mark.parametrize("off_tick", range(20, 25))
+def test_a_wait_for_the_drives_loses_no_heartbeat_of_audit_or_guardian(
+    setup: SessionSetup, monkeypatch: pytest.MonkeyPatch, off_tick: int
+) -> None:
+    """Their messages came meanwhile, in whichever tick the slow streams are read."""
     monkeypatch.setattr(loop, "PeriodicTimer", Clock)
     monkeypatch.setattr(loop, "pin_to_control_core", lambda _: None)
     monkeypatch.setattr(loop, "disable_gc", lambda: None)

@@ -28,6 +28,7 @@ from tests.app.control.moments import (
     resting,
     standing,
 )
+from tests.app.control.rig import TICK_NS
 
 MOVEMENTS = [
     (S.UNPOWERED, A.INITIALISE),
@@ -128,6 +129,29 @@ def test_an_acknowledgement_received_in_the_tick_of_a_stop_does_not_undo_it(kind
     rig.send(K.ACKNOWLEDGE)
     rig.tick(2)
     assert event.value not in rig.events(), "the next one counts"
+
+
+@pytest.mark.parametrize(("kind", "event"), [(K.STOP, Event.STOP), (K.VOICE_STOP, Event.VOICE_STOP)])
+@pytest.mark.parametrize("age_ms", [0.0, 10.0])  # of the acknowledgement: the word may have been sent before it came
+def test_a_stop_after_an_acknowledgement_in_its_tick_waits_for_one_of_its_own(
+    kind: OperatorKind, event: Event, age_ms: float
+) -> None:
+    rig = moving()
+    rig.send(kind)
+    rig.tick(HOLD_TICKS)
+    rig.send(K.ACKNOWLEDGE, age_ms=age_ms)
+    rig.send(kind)
+    rig.tick()
+    (again,) = [one for one in now(rig).events if one.in_force]
+    assert (again.event, again.since_ns, again.acknowledged) == (event, rig.now_ns, False)
+    assert [body.raised_ns for body in records_of(rig, records.EventRaised)][-1] == rig.now_ns
+    assert records_of(rig, records.EventCleared)[-1].lasted_s == pytest.approx(HOLD_TICKS * TICK_NS / 1e9)
+    rig.tick(10)
+    assert [stop.seen_ns for stop in records_of(rig, records.Stop)][-1] == again.since_ns
+    rig.send(K.ACKNOWLEDGE)
+    rig.tick()
+    assert records_of(rig, records.Acknowledgement)[-1].accepted
+    assert (rig.events(), now(rig).stop_presses, now(rig).voice_stopped) == (set(), 0, False)
 
 
 def test_a_second_press_with_an_acknowledgement_in_its_tick_damps() -> None:

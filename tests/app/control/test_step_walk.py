@@ -2,20 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 
 import msgspec
 import numpy as np
 import pytest
 
+from app.control.inputs import Settings
 from app.control.running_action import Stage
 from app.ipc.states import Event, Outcome, Source
 from app.motion.follower import Mode
-from app.motion.plan import Phase, PlanCheck
+from app.motion.plan import Phase, Plan, PlanCheck, PlanRequest, patient_of
+from app.motion.trajectory import nominal_pose, plan
+from hal.joints.protocol import TICK_HZ
 from kgdfa.gesture import Gesture
 from logs.reason import reason, reason_of
-from tests.app.control.instant_planner import make_plan
-from tests.app.control.moments import A, K, S, moving, now, request, standing
+from profiles.schema import DEMO_PATIENT
+from tests.app.control.instant_planner import POSES, make_plan
+from tests.app.control.moments import HOLD_TICKS, A, K, S, moving, now, request, standing
+from tests.app.control.rig import DEVICE, SETTINGS, Rig
+
+PATIENT = patient_of(DEMO_PATIENT, DEVICE)
 
 
 def test_a_walk_has_no_pause_and_no_jump_between_its_steps() -> None:
@@ -105,6 +113,39 @@ def test_a_walk_closed_at_the_end_of_a_step_without_the_closing_plan_is_held(row
     rig.send(K.ACKNOWLEDGE)
     rig.tick(2)
     assert rig.act(A.INITIALISE).gait.state is S.STANDING
+
+
+@dataclass(repr=False)
+class PlannedRig(Rig):
+    """Its plans are real ones: a step of a walk ends with the legs moving."""
+
+    settings: Settings = field(
+        default_factory=lambda: replace(SETTINGS, poses={state: nominal_pose(state, PATIENT) for state in POSES})
+    )
+
+    def _answer(self, plan_request: PlanRequest) -> Plan:
+        return plan(plan_request, PATIENT)
+
+
+def test_a_walk_that_is_stopped_at_the_end_of_a_step_slows_down_along_the_next() -> None:
+    rig = PlannedRig()
+    rig.tick(2)
+    rig.send(K.CONFIRM_PATIENT)
+    rig.act(A.INITIALISE)
+    rig.send(K.ACT, A.WALK)
+    rig.run_until(lambda m: m.gait.phase is Phase.WALK_START and 0 < m.motion.rows_left <= 10)
+    assert np.abs(now(rig).motion.command.velocity_rad_s).max() > np.radians(20)
+    commands = [rig.command]
+    rig.send(K.STOP)
+    for _ in range(HOLD_TICKS + 5):
+        rig.tick()
+        commands.append(rig.command)
+    assert (now(rig).gait.state, now(rig).motion.mode) == (S.BETWEEN, Mode.HOLDING)
+    velocity = TICK_HZ * np.diff([command.position_rad for command in commands], axis=0)
+    commanded = np.array([command.velocity_rad_s for command in commands[1:]])
+    assert np.degrees(np.abs(velocity - commanded)).max() < 1
+    assert np.degrees(np.abs(np.diff(velocity, axis=0))).max() < 1
+    assert velocity[-1].tolist() == [0.0] * 4
 
 
 def test_a_late_plan_of_the_step_before_closes_no_walk() -> None:
