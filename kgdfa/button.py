@@ -20,6 +20,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from kgdfa.distance import DistanceSource
+from kgdfa.frame_time import have_lasted
 from kgdfa.gesture import Gesture
 
 if TYPE_CHECKING:
@@ -28,8 +29,11 @@ if TYPE_CHECKING:
 HYSTERESIS = 0.20  # a press ends, and a new one may begin, beyond this share over the threshold: three sd of keypoints
 APPROACH_M_S = 3.5  # a 0.3 s press from 36 cm peaks at 2.7 m/s, its safe distance at a tenth more; faster is a slip
 SHORTEST_PRESS_NS = 50_000_000  # press to release, two frames: keypoints that slip for a frame slip back in the next
+# `rleex evaluate` pushes and withdraws in 3 s at most; a slow hand gets three times as long. What one that stays longer
+# still means, nobody knows: cut off by the image's edge it keeps its gesture unread.
+LONGEST_PRESS_NS = 10_000_000_000
 RADIUS_SHARE = 0.06  # the button's radius, of the picture's width: a coin held at arm's length
-GAP_FRAMES = 2  # frames in a row without a hand or a distance that a press and an approach survive
+GAP_FRAMES = 2  # in a row without a hand or a distance that a press and an approach survive, as long as at 30 Hz
 STALE_NS = 250_000_000  # frames further apart than this don't tell what happened between them
 # A press begins with an approach: within five frames the distance fell by this share of the threshold. A hand that
 # hovers about the threshold crosses it more slowly; a push of 0.8 s from 7 cm outside is three times as fast.
@@ -48,6 +52,7 @@ class PressCancel(Enum):
     GESTURE_CHANGED = "gesture changed"
     LEFT_SIDEWAYS = "left sideways"
     TOO_SHORT = "too short"
+    TOO_LONG = "too long"
     CAMERA_PAUSED = "camera paused"
 
 
@@ -121,8 +126,8 @@ class ButtonComparison(Struct, frozen=True, kw_only=True):
     approached_m: float | None  # how far the distance fell from its farthest in the last APPROACH_NS
     approach_limit_m: float  # a press needs at least this much
     elapsed_limit_ns: int = STALE_NS  # later, the camera paused
-    held_limit_ns: int = SHORTEST_PRESS_NS  # shorter is no press
-    gap_limit_frames: int = GAP_FRAMES  # more lose the hand
+    held_limit_ns: int = SHORTEST_PRESS_NS  # shorter is no press; of one that was too long the longest
+    gap_limit_frames: int = GAP_FRAMES  # more lose the hand; of a camera faster than 30 Hz as many as it survived
     source: DistanceSource = DistanceSource.MONOCULAR  # of distance_m
     source_changed: bool = False  # since the measurement before: nothing is pressed or released
 
@@ -183,6 +188,7 @@ def _in_terms_of(state: ButtonState, observed: ButtonInput, measured_m: float | 
 def _compare(state: ButtonState, observed: ButtonInput, place: ButtonPlace, *, changed: bool) -> ButtonComparison:
     elapsed_ns = observed.captured_ns - state.last_captured_ns if state.last_captured_ns else 0
     distance_m, previous_m = observed.distance_m, state.last_distance_m
+    held_ns = observed.captured_ns - state.pressed_captured_ns if state.pressed else 0
     measured_m = _measured(observed)
     farthest_m = max((m for _, m in _recent(state, observed.captured_ns)), default=measured_m)
     return ButtonComparison(
@@ -196,8 +202,10 @@ def _compare(state: ButtonState, observed: ButtonInput, place: ButtonPlace, *, c
         nearer_limit_m=APPROACH_M_S * elapsed_ns / 1e9,
         beside_px=observed.beside_px,
         beside_limit_px=place.radius_px if state.pressed else 0.0,
-        held_ns=observed.captured_ns - state.pressed_captured_ns if state.pressed else 0,
+        held_ns=held_ns,
+        held_limit_ns=LONGEST_PRESS_NS if held_ns > LONGEST_PRESS_NS else SHORTEST_PRESS_NS,
         gap_frames=state.gap_frames,
+        gap_limit_frames=max(GAP_FRAMES, state.gap_frames),
         approached_m=None if measured_m is None or farthest_m is None else max(farthest_m - measured_m, 0.0),
         approach_limit_m=APPROACH_SHARE * place.threshold_m,
         source=observed.source,
@@ -216,6 +224,8 @@ def _published(state: ButtonState, observed: ButtonInput, compared: ButtonCompar
 def _robust(state: ButtonState, observed: ButtonInput, compared: ButtonComparison) -> ButtonState:
     if state.last_captured_ns and not 0 < compared.elapsed_ns <= STALE_NS:
         state = _end(state, PressCancel.CAMERA_PAUSED)
+    elif compared.held_ns > LONGEST_PRESS_NS:
+        state = _end(state, PressCancel.TOO_LONG)
     distance_m = _measured(observed)
     if distance_m is None:
         return _gap(state, observed)
@@ -285,8 +295,10 @@ def _recent(state: ButtonState, now_ns: int) -> tuple[tuple[int, float], ...]:
 
 def _gap(state: ButtonState, observed: ButtonInput) -> ButtonState:
     """A frame without a measurement: short gaps are blur, longer ones end the press and the readiness."""
-    if state.gap_frames < GAP_FRAMES:
-        return replace(state, gap_frames=state.gap_frames + 1)
+    gap_frames = state.gap_frames + 1
+    measured_ns = state.approach[-1][0] if state.approach else 0
+    if not have_lasted(gap_frames, GAP_FRAMES + 1, observed.captured_ns - measured_ns):
+        return replace(state, gap_frames=gap_frames)
     lost = PressCancel.HAND_LOST if observed.beside_px is None else PressCancel.DISTANCE_LOST
     return replace(_end(state, lost), last_distance_m=None)
 
@@ -329,6 +341,20 @@ def _end(state: ButtonState, reason: PressCancel) -> ButtonState:
         ready=False,
         cancel_count=state.cancel_count + 1,
         cancel_reason=reason,
+    )
+
+
+def of_another_hand(state: ButtonState) -> ButtonState:
+    """Without what only the hand before was seen doing; its press, if any, ends by the other one's empty vote."""
+    return replace(
+        state,
+        ready=False,
+        far_gesture=None,
+        last_distance_m=None,
+        approach=(),
+        hint=None,
+        source=None,
+        bridge_ratio=None,
     )
 
 

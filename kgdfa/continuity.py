@@ -14,11 +14,12 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from kgdfa.button import GAP_FRAMES, STALE_NS
+from kgdfa.button import STALE_NS
+from kgdfa.frame_time import FRAME_NS
 from kgdfa.gesture import Explanation
 from kgdfa.hand import Hand, Keypoint
 
-FRAME_NS, MOST_FRAMES = 33_333_333, 6  # limits are of a 30th of a second, and grow where frames are farther apart
+MOST_FRAMES = 6  # limits are of a 30th of a second, and grow where frames are farther apart, by so many at most
 # Of the palm's centre, in reference segments of about 8 cm: 1.2 m/s across the image. People reach at up to 1 m/s
 # (Morasso 1981), a push goes towards the camera: in 200 of 0.3 to 0.8 s two frames were faster, both misread.
 LARGEST_SHIFT = 0.5
@@ -40,13 +41,13 @@ class Jump(Enum):
     UNSEEN = "unseen"  # too long to be followed: seconds since the frame before
 
 
-def jump_between(before: Hand, now: Hand, elapsed_ns: int, lost_frames: int) -> Explanation | None:
+def jump_between(before: Hand, now: Hand, elapsed_ns: int, *, lost: bool) -> Explanation | None:
     """What the hand of now can't be that of before by: `Jump` with value and limit; None: it may be.
 
     before: the newest that is trusted. elapsed_ns: since the newest frame, which sets the limits: a hand that was
-    misread or lost for a frame or two comes back to where it was.
+    misread or lost for a frame or two comes back to where it was. lost: for longer than a press survives.
     """
-    if lost_frames > GAP_FRAMES or elapsed_ns > STALE_NS:
+    if lost or elapsed_ns > STALE_NS:
         return Explanation(Jump.UNSEEN, {"value": elapsed_ns / 1e9, "limit": STALE_NS / 1e9})
     frames = min(max(elapsed_ns / FRAME_NS, 1.0), MOST_FRAMES)
     reference_px = max(now.reference_px, before.reference_px, 1.0)

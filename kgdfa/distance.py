@@ -8,6 +8,7 @@ from enum import Enum
 from typing import TYPE_CHECKING, Protocol
 
 from kgdfa.errors import KgdfaError, KgdfaFault
+from kgdfa.frame_time import have_lasted
 
 if TYPE_CHECKING:
     from kgdfa.hand import Hand
@@ -131,6 +132,6 @@ def accept_distance(state: OutlierState, distance_m: float, captured_ns: int) ->
         return accepted, True
     stays = state.count > 0 and abs(distance_m - state.candidate_m) <= slack_m
     count = state.count + 1 if stays else 1
-    if count >= CONFIRM_FRAMES:
+    if have_lasted(count, CONFIRM_FRAMES, elapsed_ns):
         return accepted, True
     return replace(state, candidate_m=distance_m, count=count), False

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING, Protocol
 from msgspec import Struct
 from msgspec.structs import replace
 
+from kgdfa.frame_time import row_has_lasted
+
 if TYPE_CHECKING:
     from kgdfa.hand import Hand
 
@@ -134,6 +136,7 @@ class RuleSet(Protocol):
         """The verdict on one hand, from its keypoints alone."""
 
 
+# These are frames in a row that last as long as at 30 Hz (`kgdfa/frame_time.py`).
 VOTE_FRAMES = 3  # paper, gait state machine: "across three consecutive frames"
 # During a press the hand is so near that fingertips leave the image and fists blur: the gesture was voted before,
 # so that only another one seen for a fifth of a second, or half a second of nothing, takes it away.
@@ -154,7 +157,7 @@ class Vote(Struct, frozen=True, kw_only=True):
     recognised_ns: int = 0
     replaced: bool = False  # `gesture` took another one's place, without a frame between in which none was in force
     candidate: Gesture | None = None
-    candidate_ns: tuple[int, ...] = ()  # captures of frames in a row for `candidate`, the newest PRESS_CHANGE_FRAMES
+    candidate_ns: tuple[int, ...] = ()  # captures of frames in a row for `candidate`: the newest that last
     unsupported_ns: tuple[int, ...] = ()  # captures of frames in a row that don't support `gesture`
     decided_ns: tuple[int, ...] = ()  # captures of the frames that made `gesture`, or ended it
     read: Gesture | None = None  # by the newest CHANGE_FRAMES in a row
@@ -163,7 +166,7 @@ class Vote(Struct, frozen=True, kw_only=True):
 
     @property
     def count(self) -> int:
-        """Frames in a row for `candidate`, capped at PRESS_CHANGE_FRAMES."""
+        """Frames in a row for `candidate`, capped where PRESS_CHANGE_FRAMES have lasted."""
         return len(self.candidate_ns)
 
     def alternates(self, captured_ns: int) -> bool:
@@ -187,8 +190,10 @@ def update_vote(
     counts as quickly as ever, but nothing recognised ends the one in force as late as in a press. refuse_alternating:
     of two gestures read in turn neither is in force; a press, or an approach, under way is judged by its own rules.
     """
-    count = 0 if current is None else vote.count + 1 if current is vote.candidate else 1
-    candidate_ns = (*vote.candidate_ns, captured_ns)[-min(count, PRESS_CHANGE_FRAMES) :] if count else ()
+    before_ns = vote.candidate_ns if current is vote.candidate else ()
+    candidate_ns = (*before_ns, captured_ns) if current is not None else ()
+    if row_has_lasted(candidate_ns[1:], PRESS_CHANGE_FRAMES):
+        candidate_ns = candidate_ns[1:]
     counted = replace(vote, candidate=current, candidate_ns=candidate_ns)
     pushing = pressing or approaching
     if refuse_alternating and not pushing:
@@ -197,7 +202,7 @@ def update_vote(
     if alternating and not pushing:
         return _end(counted, counted.changes_ns)
     needed = PRESS_CHANGE_FRAMES if pressing else VOTE_FRAMES
-    if current is not None and count >= needed and current is not vote.gesture and not alternating:
+    if row_has_lasted(candidate_ns, needed) and current is not vote.gesture and not alternating:
         return replace(
             counted,
             gesture=current,
@@ -213,7 +218,7 @@ def _keep_or_end(vote: Vote, captured_ns: int, end_frames: int) -> Vote:
     if vote.gesture is None or vote.candidate is vote.gesture:
         return replace(vote, unsupported_ns=())
     against_ns = (*vote.unsupported_ns, captured_ns)
-    if len(against_ns) >= end_frames:
+    if row_has_lasted(against_ns, end_frames):
         return _end(vote, against_ns)
     return replace(vote, unsupported_ns=against_ns)
 

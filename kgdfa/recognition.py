@@ -7,7 +7,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from kgdfa.button import ButtonInput, ButtonMode, ButtonPlace, ButtonState, advance, is_approaching, is_near
+from kgdfa.button import (
+    ButtonInput,
+    ButtonMode,
+    ButtonPlace,
+    ButtonState,
+    advance,
+    is_approaching,
+    is_near,
+    of_another_hand,
+)
 from kgdfa.distance import DistanceSource
 from kgdfa.gesture import Gesture, Vote, update_vote
 
@@ -17,7 +26,7 @@ class FrameReading:
     """What one frame gives to vote and button."""
 
     captured_ns: int
-    hand: int  # number of the track; another hand inherits no votes
+    hand: int  # number of the track; another hand inherits neither votes nor readiness
     gesture: Gesture | None  # of this frame alone
     cut_off: bool  # partly out of the image
     distance_m: float | None  # safe distance; None: no measurement
@@ -37,8 +46,11 @@ class Recognition:
 
 def recognise(before: Recognition, reading: FrameReading, place: ButtonPlace, mode: ButtonMode) -> Recognition:
     """Both after one more frame."""
-    inherited = before.vote if reading.hand == before.hand else Vote()
-    vote = _update_vote(inherited, before.button, reading, place, mode)
+    inherited, button = before.vote, before.button
+    if reading.hand != before.hand:
+        inherited = Vote()
+        button = of_another_hand(button) if mode is ButtonMode.ROBUST else button
+    vote = _update_vote(inherited, button, reading, place, mode)
     observed = ButtonInput(
         captured_ns=reading.captured_ns,
         gesture=vote.gesture,
@@ -49,7 +61,7 @@ def recognise(before: Recognition, reading: FrameReading, place: ButtonPlace, mo
         source=reading.source,
         bridge_m=reading.bridge_m,
     )
-    return Recognition(hand=reading.hand, vote=vote, button=advance(before.button, observed, place, mode))
+    return Recognition(hand=reading.hand, vote=vote, button=advance(button, observed, place, mode))
 
 
 def _update_vote(vote: Vote, button: ButtonState, reading: FrameReading, place: ButtonPlace, mode: ButtonMode) -> Vote:

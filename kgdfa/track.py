@@ -16,7 +16,8 @@ from typing import NamedTuple
 import numpy as np
 
 from kgdfa.button import GAP_FRAMES
-from kgdfa.continuity import DOUBTFUL_FRAMES, FRAME_NS, MOST_FRAMES, Jump, jump_between
+from kgdfa.continuity import DOUBTFUL_FRAMES, MOST_FRAMES, Jump, jump_between
+from kgdfa.frame_time import FRAME_NS, have_lasted, row_has_lasted
 from kgdfa.gesture import Explanation, HandRefusal
 from kgdfa.hand import FloatArray, Hand, Keypoint, Side
 
@@ -56,6 +57,7 @@ class Track:
     numbers. moved: farthest mean displacement of its keypoints from the first frame, reference segments.
     in_row: frames in a row with it, up to the newest.
     trusted: the newest one that may have come of those before; doubtful: frames in a row since that may not.
+    trusted_ns, counted_ns: captures of that one, and of the newest frame in which the hand counted as not lost.
     anew: why, and anew_ns: when it was last judged anew.
     """
 
@@ -66,7 +68,7 @@ class Track:
     number: int
     side_log_odds: float = 0.0
     signing: int = 0  # frames that showed a gesture
-    contrary: int = 0  # in a row, of the other side for sure
+    contrary_ns: tuple[int, ...] = ()  # captures of frames in a row of the other side for sure
     arm: complex = 0j
     arm_frames: int = 0
     first_px: FloatArray
@@ -74,6 +76,8 @@ class Track:
     captured_ns: int
     moved: float = 0.0
     trusted: Hand
+    trusted_ns: int
+    counted_ns: int
     doubtful: int = 0
     anew: Explanation | None = None
     anew_ns: int = 0
@@ -122,6 +126,8 @@ def begin_track(detected: Detection, number: int, captured_ns: int, enrolment: E
         began_ns=captured_ns,
         captured_ns=captured_ns,
         trusted=detected.hand,
+        trusted_ns=captured_ns,
+        counted_ns=captured_ns,
     )
     return _advanced(track, detected, When(captured_ns, 0), enrolment)
 
@@ -137,8 +143,7 @@ def continue_tracks(
         (track.began_ns == track.captured_ns, reach, place, number)
         for place, track in enumerate(followed)
         for number, (hand, _) in enumerate(detections)
-        if (reach := _reach(hand, track.last)) <= REACH_REFERENCES + REACH_GROWTH_REFERENCES * track.lost
-        and _same_hand(hand, track, when.captured_ns)
+        if (reach := _reach(hand, track.last)) <= _reach_limit(track) and _same_hand(hand, track, when.captured_ns)
     )
     found: dict[int, int] = {}
     for _, _, place, number in pairs:
@@ -151,7 +156,7 @@ def continue_tracks(
         for place, track in enumerate(followed)
     ]
     others = [detected for number, detected in enumerate(detections) if number not in found.values()]
-    return [track for track in continued if track.lost <= LOST_FRAMES], others
+    return [track for track in continued if not _outlasts(track, track.lost, LOST_FRAMES, when.captured_ns)], others
 
 
 def without_doubles(detections: Sequence[Detection]) -> list[Detection]:
@@ -192,32 +197,40 @@ def _advanced(track: Track, detected: Detection, when: When, enrolment: Enrolmen
         captured_ns=when.captured_ns,
         moved=max(track.moved, _mean_px(hand.image_px - track.first_px) / max(hand.reference_px, 1.0)),
     )
-    jump = jump_between(track.trusted, hand, when.elapsed_ns, track.lost)
+    lost = _outlasts(track, track.lost, GAP_FRAMES, when.captured_ns - when.elapsed_ns)
+    jump = jump_between(track.trusted, hand, when.elapsed_ns, lost=lost)
     if enrolment is not None and jump is not None and jump.code is not Jump.UNSEEN:
-        if track.doubtful < DOUBTFUL_FRAMES:
-            return replace(followed, doubtful=track.doubtful + 1)
-        if track.lost < GAP_FRAMES:
+        if not have_lasted(track.doubtful + 1, DOUBTFUL_FRAMES + 1, when.captured_ns - track.trusted_ns):
+            return replace(followed, doubtful=track.doubtful + 1, counted_ns=when.captured_ns)
+        if not _outlasts(track, track.lost + 1, GAP_FRAMES, when.captured_ns):
             return replace(followed, hand=None, lost=track.lost + 1, doubtful=track.doubtful + 1)
-    contrary = _contrary(track, hand) if tells else track.contrary
-    if jump is None and contrary >= CONTRARY_FRAMES:
-        jump = Explanation(Jump.SIDE, {"value": contrary, "limit": CONTRARY_FRAMES})
-    followed = replace(followed, doubtful=0, trusted=hand, contrary=0 if jump is not None else contrary)
+    contrary_ns = _contrary(track, hand, when.captured_ns) if tells else track.contrary_ns
+    if jump is None and row_has_lasted(contrary_ns, CONTRARY_FRAMES):
+        jump = Explanation(Jump.SIDE, {"value": len(contrary_ns), "limit": CONTRARY_FRAMES})
+    now_ns = when.captured_ns
+    followed = replace(followed, doubtful=0, trusted=hand, trusted_ns=now_ns, counted_ns=now_ns, contrary_ns=())
     if jump is not None:
         return _anew(followed, Explanation(HandRefusal.JUMPED, {"jump": jump.code, **jump.values}), when.captured_ns)
     arm = _arm(hand) if track.arm_frames < ENTRY_FRAMES else None
     return replace(
         followed,
+        contrary_ns=contrary_ns,
         side_log_odds=_side_log_odds(track, hand) if tells else track.side_log_odds,
         arm=track.arm + (arm or 0),
         arm_frames=track.arm_frames + (arm is not None),
     )
 
 
-def _contrary(track: Track, hand: Hand) -> int:
+def _outlasts(track: Track, lost: int, frames: int, now_ns: int) -> bool:
+    """Whether it was lost for more than so many frames, up to the one captured then."""
+    return have_lasted(lost, frames + 1, now_ns - track.counted_ns)
+
+
+def _contrary(track: Track, hand: Hand, captured_ns: int) -> tuple[int, ...]:
     """Frames in a row that are sure of the other side; unsure ones change nothing."""
     if track.side is None or hand.presence < SURE:
-        return track.contrary
-    return track.contrary + 1 if hand.side is not track.side else 0
+        return track.contrary_ns
+    return (*track.contrary_ns, captured_ns) if hand.side is not track.side else ()
 
 
 def _anew(track: Track, why: Explanation, captured_ns: int) -> Track:
@@ -248,6 +261,10 @@ def _side_log_odds(track: Track, hand: Hand) -> float:
     step = min(math.log(score / (1 - score)), SIDE_STEP) * (1 if track.side in (None, hand.side) else SIDE_AGAINST)
     after = track.side_log_odds + (step if hand.side is Side.RIGHT else -step)
     return max(-SIDE_MOST, min(SIDE_MOST, after))
+
+
+def _reach_limit(track: Track) -> float:
+    return REACH_REFERENCES + REACH_GROWTH_REFERENCES * min(track.lost, LOST_FRAMES)
 
 
 def _reach(hand: Hand, last: Hand) -> float:

@@ -33,7 +33,8 @@ class VocabularyFault(Enum):
     """Why an enrolment is refused."""
 
     OTHER_HAND = "other hand"
-    ABANDONED = "abandoned"
+    ABANDONED = "abandoned"  # left before its end
+    NO_HAND = "no hand"
     TOO_FEW_FRAMES = "too few frames"  # count, wanted
     CONTRADICTORY = "contradictory"  # gesture, better, worse: shares of the two showings
     IDLE_TAKEN = "idle taken"  # gesture that was taken most often, share, bound, limit
@@ -117,7 +118,7 @@ def update_enrolment(state: VocabularyEnrolment, frame: Frame) -> VocabularyEnro
     if state.frames < MOST_FRAMES:
         return state
     if not state.lead:
-        return abandon(state)
+        return replace(state, fault=Explanation(VocabularyFault.NO_HAND))
     values = {"count": state.sample.frames, "wanted": state.sample.wanted}
     return replace(state, fault=Explanation(VocabularyFault.TOO_FEW_FRAMES, values))
 
@@ -132,7 +133,7 @@ def leave_out(state: VocabularyEnrolment) -> VocabularyEnrolment:
 
 
 def abandon(state: VocabularyEnrolment) -> VocabularyEnrolment:
-    """Ended by who left, or because nobody showed a hand; one that has ended already keeps what it came to."""
+    """Ended by who left; one that has ended already keeps what it came to."""
     return state if state.ended else replace(state, fault=Explanation(VocabularyFault.ABANDONED))
 
 

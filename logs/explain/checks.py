@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from logs import records as r
+from logs.reason import Reason
 from logs.records import Body
 
 # Value → its limit; None: a value that has none.
@@ -27,6 +28,7 @@ _LEAST = {  # limits that the value must reach; others it may not exceed
     (r.Release, "safe_distance_m"),
     (r.Release, "held_ns"),
 }
+_TOO_LONG = "PressCancel.TOO_LONG"
 # Quantities with a limit on either side: of a value below its limit the limit was the lower one.
 _TWO_SIDED = {"angle_rad", "position", "stiffness", "damping", "request_age_ms"}
 _APPROACH = {"approached_m": "approach_limit_m"}  # a press alone asks for it
@@ -78,7 +80,7 @@ def checks_of(body: Body) -> tuple[Check, ...]:
             name=quantity or name if name == "value" else name,
             value=getattr(body, name),
             limit=(getattr(body, limit) or None) if limit in _LATER else getattr(body, limit) if limit else None,
-            least=(kind, name) in _LEAST or (name == "value" and _is_below(quantity, body)),
+            least=_is_least(body, name) or (name == "value" and _is_below(quantity, body)),
             source=getattr(body, _SOURCES.get(name, _NO_SOURCE)[0], ""),
             source_class=_SOURCES.get(name, _NO_SOURCE)[1],
             recorded=recorded,
@@ -86,6 +88,12 @@ def checks_of(body: Body) -> tuple[Check, ...]:
         for name, limit in pairs.items()
         if name != "value" or quantity
     )
+
+
+def _is_least(body: Body, name: str) -> bool:
+    """Whether the value must reach its limit; of a press that was too long the limit is the longest."""
+    too_long = isinstance(body, r.Cancel) and isinstance(body.reason, Reason) and body.reason.code == _TOO_LONG
+    return (type(body), name) in _LEAST and not (too_long and name == "held_ns")
 
 
 def _is_below(quantity: str, body: Body) -> bool:

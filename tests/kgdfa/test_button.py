@@ -115,6 +115,18 @@ def test_a_hand_that_is_outside_after_a_gap_commands_once_it_is_seen_there_twice
     assert (lost.pressed, lost.release_count, lost.cancel_reason) == (False, 0, PressCancel.HAND_LOST)
 
 
+@pytest.mark.parametrize("rate_hz", [30, 45, 60, 90, 120])
+def test_a_fast_camera_loses_a_hand_no_sooner_than_one_of_30_hz(rate_hz: int) -> None:
+    state = run([Seen(FAR), Seen(NEAR), Seen(NEAR)])
+    measured_ns = state.last_captured_ns
+    while state.pressed:
+        state = step(state, LOST, after_ns=round(1e9 / rate_hz))
+    assert state.cancel_reason is PressCancel.HAND_LOST
+    assert state.compared is not None
+    assert state.compared.gap_frames == state.compared.gap_limit_frames
+    assert (GAP_FRAMES + 0.5) * FRAME_NS <= state.last_captured_ns - measured_ns < (GAP_FRAMES + 1.5) * FRAME_NS
+
+
 @pytest.mark.parametrize("after_ns", [STALE_NS + 1, -FRAME_NS])
 def test_a_camera_that_pauses_or_jumps_in_time_cancels(after_ns: int) -> None:
     pressed = run([Seen(FAR), Seen(NEAR), Seen(NEAR)])

@@ -228,6 +228,17 @@ def test_the_fastest_push_is_no_jump(phase: float) -> None:
         assert believed
 
 
+@pytest.mark.parametrize("rate_hz", [30, 45, 60, 90, 120])
+def test_a_jump_that_stays_is_believed_after_a_press_has_ended(rate_hz: int) -> None:
+    """A press survives GAP_FRAMES, and at the latest half a frame more."""
+    state, _ = accept_distance(OutlierState(), 0.36, FRAME_NS)
+    now_ns, believed = FRAME_NS, False
+    while not believed:
+        now_ns += round(1e9 / rate_hz)
+        state, believed = accept_distance(state, 0.18, now_ns)
+    assert (CONFIRM_FRAMES - 0.5) * FRAME_NS <= now_ns - FRAME_NS < (CONFIRM_FRAMES + 0.5) * FRAME_NS
+
+
 @pytest.mark.parametrize("forget", ["reset", "gap"])
 def test_another_hand_inherits_no_past(forget: str) -> None:
     finder = robust()

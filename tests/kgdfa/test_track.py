@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from kgdfa import frame_time
 from kgdfa.button import GAP_FRAMES
 from kgdfa.commanding import EQUAL_CLAIM, STILL_NS, Tracks, update_tracks
 from kgdfa.continuity import DOUBTFUL_FRAMES, Jump
@@ -25,12 +26,15 @@ RIGHT, LEFT = Enrolment(side=Side.RIGHT), Enrolment(side=Side.LEFT)
 
 
 def after(
-    frames: Iterable[tuple[Hand, ...]], enrolment: Enrolment | None = None, tracks: Tracks | None = None
+    frames: Iterable[tuple[Hand, ...]],
+    enrolment: Enrolment | None = None,
+    tracks: Tracks | None = None,
+    period_ns: int = FRAME_NS,
 ) -> Tracks:
     """The tracks after these frames."""
     tracks = tracks or Tracks()
-    for number, hands in enumerate(frames, start=1):
-        tracks = update_tracks(tracks, hands, number * FRAME_NS, enrolment)
+    for hands in frames:
+        tracks = update_tracks(tracks, hands, tracks.captured_ns + period_ns, enrolment)
     return tracks
 
 
@@ -123,7 +127,7 @@ def test_nothing_is_known_before_a_vote_is() -> None:
 
 
 @settings(max_examples=30)
-@given(st.lists(st.integers(0, CONTRARY_FRAMES - 1), max_size=10))
+@given(st.lists(st.integers(0, CONTRARY_FRAMES - 1), max_size=8))  # less than STILL_NS
 def test_a_known_side_survives_frames_that_flip(flips: list[int]) -> None:
     """Fewer sure frames of the other side than a vote has, and as many of its own, change nothing."""
     tracks = after([(of(Side.RIGHT),)] * 12, RIGHT)
@@ -279,6 +283,27 @@ def test_a_hand_that_slips_back_is_the_same(frames: int) -> None:
     for _ in range(4):
         tracks = rest_of(after([(mirrored(HERE),)] * frames, RIGHT, tracks), HERE)
         assert (tracks.known, tracks.number, refusal(tracks)) == (True, 1, None)
+
+
+@pytest.mark.parametrize("rate_hz", [45, 60, 90, 120])
+def test_a_fast_camera_judges_anew_no_sooner_than_one_of_30_hz(rate_hz: int) -> None:
+    """A hand that leapt, one that was lost, and sure frames of the other side."""
+    period_ns, begin = round(1e9 / rate_hz), begun()
+
+    def until_anew(*hands: Hand) -> int:
+        tracks = begin
+        while tracks.number == begin.number and tracks.followed:
+            tracks = after([hands], RIGHT, tracks, period_ns)
+        return tracks.captured_ns - begin.captured_ns
+
+    assert until_anew(mirrored(HERE)) >= (DOUBTFUL_FRAMES + GAP_FRAMES + 0.5) * frame_time.FRAME_NS
+    assert until_anew() >= (LOST_FRAMES + 0.5) * frame_time.FRAME_NS
+    assert until_anew(of(Side.LEFT)) >= (CONTRARY_FRAMES - 1.5) * frame_time.FRAME_NS
+    for frames in range(rate_hz):
+        lost = after([()] * frames, RIGHT, begin, period_ns)
+        back = after([(HERE,)], RIGHT, lost, period_ns)
+        survives = lost.captured_ns - begin.captured_ns < (GAP_FRAMES + 0.5) * frame_time.FRAME_NS
+        assert back.number == (1 if survives else 2)
 
 
 def test_sure_frames_of_the_other_side_judge_anew_and_refuse() -> None:

@@ -166,8 +166,8 @@ def test_another_hand_ends_it_as_soon_as_it_could_have_been_voted() -> None:
         assert (code(state) is F.OTHER_HAND) is (frames == OTHER_HAND_FRAMES)
 
 
-def test_nobody_there_is_abandoned_and_too_little_is_too_few() -> None:
-    assert code(run(lambda *_: Frame(hand=False))) is F.ABANDONED
+def test_no_hand_at_all_is_no_hand_and_too_little_is_too_few() -> None:
+    assert code(run(lambda *_: Frame(hand=False))) is F.NO_HAND
     few = run(lambda part, at: Frame(hand=at < LEAD_FRAMES + 7, gesture=part))
     assert few.fault == Explanation(F.TOO_FEW_FRAMES, {"count": 7, "wanted": SHOWN_FRAMES})
     assert few.samples == ()

@@ -1,9 +1,22 @@
 from __future__ import annotations
 
+import math
+
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kgdfa.gesture import ALTERNATING_NS, END_FRAMES, PRESS_END_FRAMES, VOTE_FRAMES, Gesture, Vote, update_vote
+from kgdfa.frame_time import FRAME_NS
+from kgdfa.gesture import (
+    ALTERNATING_NS,
+    END_FRAMES,
+    PRESS_CHANGE_FRAMES,
+    PRESS_END_FRAMES,
+    VOTE_FRAMES,
+    Gesture,
+    Vote,
+    update_vote,
+)
 
 ONE, TWO = Gesture.ONE, Gesture.TWO
 spoken = st.lists(st.sampled_from([None, Gesture.ONE, Gesture.TWO, Gesture.FIVE]), max_size=60)
@@ -12,7 +25,7 @@ spoken = st.lists(st.sampled_from([None, Gesture.ONE, Gesture.TWO, Gesture.FIVE]
 def votes(gestures: list[Gesture | None]) -> list[Vote]:
     vote, out = Vote(), []
     for number, gesture in enumerate(gestures):
-        vote = update_vote(vote, gesture, number)
+        vote = update_vote(vote, gesture, number * FRAME_NS)
         out.append(vote)
     return out
 
@@ -27,7 +40,7 @@ def test_a_gesture_begins_only_after_three_frames_in_a_row(gestures: list[Gestur
     for number, vote in enumerate(votes(gestures)):
         if vote.gesture is not None and vote.gesture is not before:
             assert gestures[number - VOTE_FRAMES + 1 : number + 1] == [vote.gesture] * VOTE_FRAMES
-            assert vote.recognised_ns == number
+            assert vote.recognised_ns == number * FRAME_NS
         before = vote.gesture
 
 
@@ -64,10 +77,10 @@ def test_a_gesture_that_comes_nearer_ends_as_late_as_in_a_press_and_gives_way_as
     end = PRESS_END_FRAMES if approaching else END_FRAMES
     for number in range(1, end + 1):
         assert vote.gesture is ONE
-        vote = update_vote(vote, None, 1000 + number, approaching=approaching)
+        vote = update_vote(vote, None, (1000 + number) * FRAME_NS, approaching=approaching)
     assert vote.gesture is None
     for number in range(VOTE_FRAMES):
-        vote = update_vote(vote, TWO, 2000 + number, approaching=approaching)
+        vote = update_vote(vote, TWO, (2000 + number) * FRAME_NS, approaching=approaching)
     assert vote.gesture is TWO
 
 
@@ -77,7 +90,33 @@ def test_a_gesture_replaces_another_only_without_a_pause_between() -> None:
     assert not votes([*[ONE] * VOTE_FRAMES, *[None] * END_FRAMES, *[TWO] * VOTE_FRAMES])[-1].replaced
 
 
-FRAME_NS = 33_333_333
+@pytest.mark.parametrize("rate_hz", [15, 30, 45, 60, 90, 120])
+@pytest.mark.parametrize(
+    ("frames", "pressing", "shown"),
+    [
+        (VOTE_FRAMES, False, TWO),
+        (END_FRAMES, False, None),
+        (PRESS_CHANGE_FRAMES, True, TWO),
+        (PRESS_END_FRAMES, True, None),
+    ],
+)
+def test_a_fast_camera_shows_a_change_as_long_as_one_of_30_hz(
+    rate_hz: int, frames: int, pressing: bool, shown: Gesture | None
+) -> None:
+    vote, period_ns = votes([ONE] * VOTE_FRAMES)[-1], round(1e9 / rate_hz)
+    now_ns, count = vote.recognised_ns, 0
+    while vote.gesture is ONE:
+        count, now_ns = count + 1, now_ns + period_ns
+        vote = update_vote(vote, shown, now_ns, pressing=pressing)
+    assert vote.gesture is shown
+    assert count == max(frames, 1 + math.ceil((frames - 1.5) * FRAME_NS / period_ns))
+
+
+def test_a_gesture_held_for_long_keeps_few_captures() -> None:
+    vote = Vote()
+    for number in range(600):
+        vote = update_vote(vote, ONE, number * FRAME_NS // 4)
+    assert vote.candidate_ns[-1] - vote.candidate_ns[0] < PRESS_CHANGE_FRAMES * FRAME_NS
 
 
 def read(gestures: list[Gesture | None]) -> list[Vote]:

@@ -14,12 +14,14 @@ from app.cli import cli
 from app.ipc.states import GESTURE_OF
 from app.text.catalogue import render, use_language
 from app.text.recorded import render_recorded
+from kgdfa.button import PressCancel
 from logs.disk import Disk
 from logs.errors import AuditError, AuditFault
 from logs.explain.hops import Explanation, Hop, Step, explain, explain_file
 from logs.explain.text import NAMED, lines, to_values
 from logs.keys import load_or_make_key
 from logs.read import records
+from logs.reason import reason
 from logs.records import (
     ActionEnd,
     Body,
@@ -155,12 +157,14 @@ SEEN_NS = 1_000_000_000
         (GuardRefusal(reason=None, joint="left_knee", quantity="damping", value=-0.1, limit=0.0), 1),
         (GuardRefusal(reason=None, joint="left_knee", quantity="torque", value=50.1, limit=50.0), 0),
         (Refusal(reason=None, source="gesture", quantity="request_age_ms", value=-80.0, limit=-50.0), 1),
+        (Cancel(reason=reason(PressCancel.TOO_LONG), held_ns=10_200_000_000, held_limit_ns=10_000_000_000), 0),
+        (Cancel(reason=reason(PressCancel.TOO_SHORT), held_ns=33_000_000, held_limit_ns=50_000_000), 1),
     ],
 )
 def test_a_value_below_its_lower_limit_is_not_within_it(tmp_path: Path, body: Body, shown: int) -> None:
     found = trail(tmp_path, [body])
     explanation = explain(found, only(found, type(body)).sequence)
-    (check,) = (check for step in explanation.steps for check in step.checks)
+    (check,) = (check for step in explanation.steps for check in step.checks if check.value)
     assert check.margin is not None
     assert (check.least, check.margin < 0) == (bool(shown), True)
     (line,) = (line for line in lines(explanation, render_recorded) if "NOT kept" in line)

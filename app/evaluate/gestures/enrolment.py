@@ -16,7 +16,7 @@ from rich.table import Table
 
 from app.evaluate.digital import centred
 from app.evaluate.gestures.joint_space import Errors
-from app.evaluate.harness import Step, mean, percent, table
+from app.evaluate.harness import FRAME_NS, Step, mean, percent, table
 from app.text.catalogue import tr
 from hal.cameras.digital_hand.movement import TREMOR_HZ, HandLimit, limited, tremor_deg
 from hal.cameras.digital_hand.render import person_of, posed
@@ -144,7 +144,7 @@ def _votes_another(frames: Sequence[Gesture | None], wanted: Gesture | None, voc
     """Whether a vote over these frames gave another gesture that would command."""
     vote, voted = Vote(), set[Gesture | None]()
     for number, gesture in enumerate(frames):
-        vote = update_vote(vote, gesture, number)
+        vote = update_vote(vote, gesture, number * FRAME_NS)
         voted.add(vote.gesture)
     return bool((voted - {wanted, None}) & set(vocabulary))
 

@@ -1,0 +1,103 @@
+"""Vote and button together: what another hand inherits, how long a press lasts, at which rates a push commands."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import replace
+
+import pytest
+
+from kgdfa.button import LONGEST_PRESS_NS, ButtonMode, ButtonPlace, PressCancel, PressHint
+from kgdfa.frame_time import FRAME_NS
+from kgdfa.gesture import Gesture
+from kgdfa.recognition import FrameReading, Recognition, recognise
+
+PLACE = ButtonPlace.in_the_middle(1280, 720, 0.25)
+FIVE = FrameReading(captured_ns=0, hand=1, gesture=Gesture.FIVE, cut_off=False, distance_m=0.36, beside_px=0.0)
+PUSH_M, WITHDRAWAL_M = (0.33, 0.29, 0.245, 0.22, 0.22), (0.26, 0.32, 0.36)
+
+
+def after(
+    readings: Iterable[FrameReading],
+    now: Recognition | None = None,
+    *,
+    period_ns: int = FRAME_NS,
+    mode: ButtonMode = ButtonMode.ROBUST,
+) -> Recognition:
+    """Frames one after the other."""
+    now = now or Recognition()
+    for reading in readings:
+        captured_ns = now.button.last_captured_ns + period_ns
+        now = recognise(now, replace(reading, captured_ns=captured_ns), PLACE, mode)
+    return now
+
+
+def at(*distances_m: float, hand: int = 1, gesture: Gesture | None = Gesture.FIVE) -> list[FrameReading]:
+    return [replace(FIVE, distance_m=distance_m, hand=hand, gesture=gesture) for distance_m in distances_m]
+
+
+def test_another_hand_that_was_never_outside_does_not_press() -> None:
+    first = after(at(*[0.36] * 5))
+    assert first.button.ready
+    second = after(at(*[0.29] * 10, *PUSH_M[2:], hand=2), first)
+    assert (second.button.pressed, second.button.hint) == (False, PressHint.WITHDRAW_FIRST)
+    assert after(at(*WITHDRAWAL_M, *PUSH_M, *WITHDRAWAL_M, hand=2), second).button.release_count == 1
+
+
+def test_another_hand_inherits_no_approach() -> None:
+    """At 60 Hz its vote is made within what an approach lasts; it only drifts across the threshold."""
+    first = after(at(*[0.36] * 8), period_ns=FRAME_NS // 2)
+    drifts = after(at(0.301, *[0.255] * 6, 0.249, 0.249, hand=2), first, period_ns=FRAME_NS // 2)
+    assert not drifts.button.pressed
+    assert len(drifts.button.approach) == 9
+
+
+def test_another_hand_seen_outside_is_ready_at_once_and_commands_with_its_own_vote() -> None:
+    first = after(at(*[0.36] * 5))
+    second = after(at(0.36, hand=2), first)
+    assert (second.button.ready, second.button.far_gesture) == (True, None)
+    six = after(at(*[0.36] * 3, *PUSH_M, *WITHDRAWAL_M, hand=2, gesture=Gesture.SIX), second)
+    assert (six.button.release_count, six.button.released_gesture) == (1, Gesture.SIX)
+
+
+@pytest.mark.parametrize("distance_m", [0.22, 0.36])
+def test_another_hand_ends_a_press_without_a_command(distance_m: float) -> None:
+    pressed = after(at(*[0.36] * 5, *PUSH_M))
+    assert pressed.button.pressed
+    ended = after(at(distance_m, hand=2), pressed).button
+    assert (ended.pressed, ended.release_count, ended.cancel_reason) == (False, 0, PressCancel.GESTURE_CHANGED)
+
+
+def test_published_takes_another_hand_for_the_same() -> None:
+    pressed = after(at(*[0.36] * 5, *PUSH_M), mode=ButtonMode.PUBLISHED)
+    released = after(at(*WITHDRAWAL_M, hand=2), pressed, mode=ButtonMode.PUBLISHED).button
+    assert (released.release_count, released.released_gesture) == (1, Gesture.FIVE)
+
+
+@pytest.mark.parametrize("cut_off", [True, False])
+@pytest.mark.parametrize(("longer_ns", "reason"), [(0, None), (2 * FRAME_NS, PressCancel.TOO_LONG)])
+def test_a_press_commands_for_some_seconds_only(cut_off: bool, longer_ns: int, reason: PressCancel | None) -> None:
+    pressed = after(at(*[0.36] * 5, *PUSH_M))
+    held = replace(FIVE, distance_m=0.18, cut_off=cut_off)
+    end_ns = pressed.button.pressed_captured_ns + LONGEST_PRESS_NS + longer_ns - len(WITHDRAWAL_M) * FRAME_NS
+    while pressed.button.last_captured_ns <= end_ns - FRAME_NS:
+        pressed = after([held], pressed)
+    withdrawn = after(at(*WITHDRAWAL_M), pressed).button
+    assert (withdrawn.release_count, withdrawn.cancel_reason) == (0 if reason else 1, reason)
+
+
+def push_m(at_s: float) -> float:
+    """From 36 to 18 cm in 0.25 s, held for 0.8 s and back."""
+    return 0.36 - 0.18 * min(max((at_s - 0.5) / 0.25, 0.0), 1.0) + 0.18 * min(max((at_s - 1.55) / 0.25, 0.0), 1.0)
+
+
+@pytest.mark.parametrize("rate_hz", [15, 30, 60, 90, 120])
+@pytest.mark.parametrize(("misread", "for_s"), [(None, 0.3), (Gesture.FOUR, 0.1)])
+def test_a_push_commands_at_every_frame_rate(rate_hz: int, misread: Gesture | None, for_s: float) -> None:
+    period_ns = round(1e9 / rate_hz)
+    times_s = [number / rate_hz for number in range(2 * rate_hz)]
+    readings = [
+        at(push_m(at_s), gesture=misread if 0.9 <= at_s < 0.9 + for_s - 1e-6 else Gesture.FIVE)[0] for at_s in times_s
+    ]
+    button = after(readings, period_ns=period_ns).button
+    assert (button.release_count, button.released_gesture, button.cancel_count) == (1, Gesture.FIVE, 0)
