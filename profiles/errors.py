@@ -41,6 +41,7 @@ class ProfileFault(Enum):
     DISTANCE = "distance"  # distance_m, low_m, high_m
     TOO_FEW_SAMPLES = "too few samples"  # count, least
     SCATTER = "scatter"  # residual, most: shares
+    NO_PALM = "no palm"  # reference_m, low_m, high_m, focal_px
 
 
 class ProfileError(CodedError):

@@ -160,6 +160,7 @@ CALIBRATION_RANGES: dict[str, tuple[float, float]] = {
     "distance_m": (10, 100),
     "residual": (0, 0.2),
     "width_px": (0, 10_000),
+    "height_px": (0, 10_000),
 }
 
 

@@ -16,11 +16,13 @@ import msgspec
 
 from profiles.anthropometry import PalmEstimate, estimate_palm
 from profiles.errors import Finding, ProfileError, ProfileFault
+from profiles.fields import REFERENCE_RANGE_CM
 from profiles.schema import Calibration, Profile
 
 REFERENCE_OF_PALM = 0.75  # palm width less one finger, a finger being a quarter of it (paper, text at Eq. 4)
 MEASURED_SD_M = 0.001  # a ruler across the palm
 CALIBRATED_SD = 0.01  # a ruler to the palm: about 3 mm in 30 cm
+ASPECT_SLACK = 0.01  # sizes that a camera calls 16:9 differ by so much, as 848×480
 
 
 class ReferenceSource(Enum):
@@ -73,12 +75,12 @@ class ReferenceSegment:
 
 
 def reference_segment(
-    profile: Profile, *, camera: str = "", focal_px: float = 0.0, width_px: int = 0
+    profile: Profile, *, camera: str = "", focal_px: float = 0.0, width_px: int = 0, height_px: int = 0
 ) -> ReferenceSegment:
-    """The best that is known of this patient before the camera of that name, focal length and image width."""
+    """The best that is known of this patient before the camera of that name, focal length and image size."""
     calibration = calibration_for(profile, camera)
-    if calibration is not None:
-        return _calibrated(calibration, focal_px, width_px)
+    if calibration is not None and (segment := _calibrated(calibration, focal_px, width_px, height_px)):
+        return segment
     width_m, sd_m, source = profile.palm.measured_width_m, MEASURED_SD_M, ReferenceSource.MEASURED
     if width_m is None:
         estimate = palm_estimate(profile)
@@ -97,14 +99,38 @@ def calibration_for(profile: Profile, camera: str) -> Calibration | None:
     return max(made, key=lambda one: one.calibrated_at) if camera and made else None
 
 
-def _calibrated(calibration: Calibration, focal_px: float, width_px: int) -> ReferenceSegment:
-    """What was solved is f·H: with another focal length given for the same images, H follows."""
+def calibrated_camera(profile: Profile) -> str:
+    """The camera of the newest calibration; empty: there is none."""
+    newest = max(profile.calibrations, key=lambda one: one.calibrated_at, default=None)
+    return newest.camera if newest else ""
+
+
+def _calibrated(calibration: Calibration, focal_px: float, width_px: int, height_px: int) -> ReferenceSegment | None:
+    """What was solved is f·H: with another focal length given for the same images, H follows.
+
+    None for images of another shape: how a camera crops and scales them is not known.
+    """
     focal_then_px = calibration.focal_px
-    if focal_px > 0 and width_px > 0 and calibration.width_px > 0:
-        focal_then_px = focal_px * calibration.width_px / width_px
+    if focal_px > 0 and min(width_px, height_px, calibration.width_px) > 0:
+        scale = _scale_to(calibration, width_px, height_px)
+        if scale is None:
+            return None
+        focal_then_px = focal_px / scale
     length_m = calibration.focal_anchor_px_m / focal_then_px
     relative_sd = max(CALIBRATED_SD, calibration.residual)
     return ReferenceSegment(length_m=length_m, sd_m=relative_sd * length_m, source=ReferenceSource.CALIBRATED)
+
+
+def _scale_to(calibration: Calibration, width_px: int, height_px: int) -> float | None:
+    """How much larger images of this size are than those calibrated with, by the long side; None: of another shape."""
+    if not calibration.height_px:  # taken as landscape, of this image's shape
+        return width_px / calibration.width_px if width_px >= height_px else None
+    (short_px, long_px), (short_then_px, long_then_px) = (
+        sorted((width_px, height_px)),
+        sorted((calibration.width_px, calibration.height_px)),
+    )
+    same = abs(short_px / long_px * long_then_px / short_then_px - 1) <= ASPECT_SLACK
+    return long_px / long_then_px if same else None
 
 
 MIN_SAMPLES = 20
@@ -135,11 +161,13 @@ def calibrate(
     provisional_reference_m: float,
     offset_m: float,
     at: datetime,
+    height_px: int = 0,
 ) -> Calibrated:
     """Solve f·H from distances measured with a provisional segment while the palm was `distance_m` away.
 
     offset_m: what the distances hold that is not proportional to the segment (`kgdfa.distance.HALF_PALM_M`).
-    Raises ProfileError when there are too few samples, they scatter too much, or the distance is out of range.
+    Raises ProfileError when there are too few samples, they scatter too much, the distance is out of range, or the
+    segment is no palm's.
     """
     _check_samples(distance_m, measured_m)
     middle_m = statistics.median(measured_m)
@@ -147,6 +175,7 @@ def calibrate(
     if residual > MAX_RESIDUAL:
         raise ProfileError(ProfileFault.SCATTER, residual=residual, most=MAX_RESIDUAL)
     reference_m = provisional_reference_m * (distance_m - offset_m) / (middle_m - offset_m)
+    _check_reference(reference_m, focal_px)
     calibration = Calibration(
         camera=camera,
         focal_anchor_px_m=focal_px * reference_m,
@@ -155,6 +184,7 @@ def calibrate(
         residual=residual,
         calibrated_at=at.astimezone(UTC).isoformat(timespec="seconds"),
         width_px=width_px,
+        height_px=height_px,
     )
     expected = reference_segment(profile)
     return Calibrated(
@@ -177,6 +207,12 @@ def _check_samples(distance_m: float, measured_m: Sequence[float]) -> None:
         raise ProfileError(ProfileFault.DISTANCE, distance_m=distance_m, low_m=low, high_m=high)
     if len(measured_m) < MIN_SAMPLES:
         raise ProfileError(ProfileFault.TOO_FEW_SAMPLES, count=len(measured_m), least=MIN_SAMPLES)
+
+
+def _check_reference(reference_m: float, focal_px: float) -> None:
+    low, high = (cm / 100 for cm in REFERENCE_RANGE_CM)
+    if not low <= reference_m <= high:
+        raise ProfileError(ProfileFault.NO_PALM, reference_m=reference_m, low_m=low, high_m=high, focal_px=focal_px)
 
 
 def _doubt(profile: Profile, reference_m: float, expected: ReferenceSegment) -> Finding | None:

@@ -93,6 +93,7 @@ class Calibration(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     residual: float  # relative spread of the samples
     calibrated_at: str  # ISO 8601, UTC
     width_px: int = 0  # of the images it was made with; 0: unknown
+    height_px: int = 0  # 0: unknown, from before it was kept
 
 
 class GestureEvidence(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -111,6 +112,7 @@ class VocabularyEvidence(Struct, frozen=True, kw_only=True, forbid_unknown_field
 
     proven_at: Annotated[datetime, Meta(tz=True)]
     model: str  # SHA-256 of what recognised (`app/system/vocabulary.py`)
+    hand: HandUsed | None = None  # that was shown; None: unknown, from before it was kept
     vocabulary: tuple[GestureUsed, ...]
     idle_frames: Count
     idle_taken: Count  # for a gesture of the vocabulary

@@ -20,13 +20,14 @@ from logs.errors import AuditError, AuditFault
 from logs.journal import Moment, append_signed
 from logs.keys import load_or_make_key
 from logs.line import MAX_LINE
-from logs.read import UnreadableLine, understand
+from logs.read import UnreadableLine, joints_host, understand
 from logs.reading.errors import cause_of
 from logs.reading.regular import open_regular
 from logs.reason import Reason
 from logs.records import (
     Acknowledgement,
     Body,
+    Button,
     Cancel,
     Command,
     Comment,
@@ -36,9 +37,11 @@ from logs.records import (
     GestureOnset,
     JointStatistics,
     Press,
+    ProcessStart,
     Record,
     Refusal,
     Release,
+    SessionStart,
     Stop,
     Transition,
 )
@@ -98,6 +101,7 @@ class ReviewedSession:
         self._times: list[float] = []
         self._joints: list[int] = []  # indices of joint statistics
         self._landmarks: list[int] = []
+        self.joints_host = ""  # the other computer, whose trail has control's records; empty: this one has
         self.lanes = self._read()
 
     def __len__(self) -> int:
@@ -156,6 +160,7 @@ class ReviewedSession:
     def _read(self) -> Lanes:
         builder = _LaneBuilder()
         start_ns, newest_s = None, 0.0
+        begins: list[Record] = []
         for index, line in enumerate(self._lines):
             moment_ns = _moment_ns(line)
             if moment_ns is not None:
@@ -165,9 +170,14 @@ class ReviewedSession:
             if _JOINTS in line:
                 self._joints.append(index)
             elif isinstance(record := self.record(index), Record):
+                if _begins_anew(record):
+                    builder.end_decisions(newest_s)
                 builder.add(record.body, newest_s)
+                if isinstance(record.body, SessionStart | ProcessStart):
+                    begins.append(record)
                 if isinstance(record.body, LANDMARKS):
                     self._landmarks.append(index)
+        self.joints_host = joints_host(begins)
         return builder.finish(newest_s)
 
 
@@ -209,6 +219,10 @@ class _LaneBuilder:
         self._lanes.event.sort(key=lambda span: span.begin_s)
         return self._lanes
 
+    def end_decisions(self, at_s: float) -> None:
+        self._change("gesture", "", at_s)
+        self._change("press", "", at_s)
+
     def _change(self, lane: str, label: str, at_s: float) -> None:
         opened = self._open.pop(lane, None)
         if opened is not None and opened[1]:
@@ -220,6 +234,11 @@ class _LaneBuilder:
         if opened is not None:
             weight = "caution" if opened[1] in ("note", "refuse") else "grave"
             self._lanes.event.append(Span(begin_s=opened[0], end_s=at_s, label=event, weight=weight))
+
+
+def _begins_anew(record: Record) -> bool:
+    """Whether vote and button do: a perception that was killed has ended neither press nor gesture."""
+    return isinstance(record.body, Button) or (isinstance(record.body, ProcessStart) and record.process == "perception")
 
 
 def open_session(path: Path) -> ReviewedSession:

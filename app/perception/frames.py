@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from itertools import accumulate, pairwise
 
+from msgspec import structs
+
 from app.perception.reporting import Scale, records_between
-from kgdfa.button import ButtonMode, ButtonPlace
+from kgdfa.button import ButtonMode, ButtonPlace, PressCancel
 from kgdfa.distance import DistanceChoice, DistanceSource
 from kgdfa.gesture import Gesture
 from kgdfa.pipeline import Report
@@ -93,8 +95,26 @@ class DecisionRecorder:
         self._before = report
 
     def end(self) -> Iterator[Body]:
-        """Frames that are not recorded yet."""
-        return self._frames.take(at_once=True)
+        """Frames that are not recorded yet, and what was in force until the last one."""
+        yield from self._frames.take(at_once=True)
+        yield from records_at_end(self._before, self.scale)
+        self._before = None
+
+
+def records_at_end(last: Report | None, scale: Scale) -> Iterator[Body]:
+    """What ends with the last frame, before the button begins anew: a press without a command, and the gesture."""
+    if last is None:
+        return
+    button = last.button
+    if button.pressed:
+        button = structs.replace(
+            button,
+            pressed=False,
+            pressed_gesture=None,
+            cancel_count=button.cancel_count + 1,
+            cancel_reason=PressCancel.CAMERA_PAUSED,
+        )
+    yield from records_between(last, replace(last, gesture=None, verdict=None, votes=0, button=button), scale)
 
 
 def unpack(record: Frames, hand: int) -> Iterator[ClassifiedFrame]:

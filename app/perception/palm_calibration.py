@@ -81,6 +81,7 @@ class PalmSampler:
             camera=camera,
             focal_px=self._lens.fx_px if self._lens else 0.0,
             width_px=self._lens.width_px if self._lens else 0,
+            height_px=self._lens.height_px if self._lens else 0,
             distance_m=distance_m,
             measured_m=self.samples_m,
             provisional_reference_m=self.provisional_reference_m,

@@ -126,8 +126,10 @@ def make_place(setup: SessionSetup, frame: Frame) -> ButtonPlace:
 
 def reference_for(setup: SessionSetup, frame: Frame, camera: str) -> ReferenceSegment:
     """The patient's reference segment before this camera."""
-    observed = frame.intrinsics
-    return reference_segment(setup.profile, camera=camera, focal_px=observed.fx_px, width_px=observed.width_px)
+    lens = frame.intrinsics
+    return reference_segment(
+        setup.profile, camera=camera, focal_px=lens.fx_px, width_px=lens.width_px, height_px=lens.height_px
+    )
 
 
 def zone_for(setup: SessionSetup, frame: Frame, camera: str) -> PressZone:

@@ -22,27 +22,26 @@ from app.perception.camera import CameraSupervisor, ImageCheck, PerceptionNote, 
 from app.perception.frames import DecisionRecorder, button_record
 from app.perception.pictures import PictureRecorder
 from app.perception.pipeline import Loading
+from app.perception.recorder import ReportRecorder
 from app.perception.reporting import (
     FPS_WINDOW,
     MeasuredRate,
     PreviewPacer,
     Scale,
     frames_per_second,
-    hand_frame,
     with_counts,
     with_report,
 )
-from app.recording.schemas import HAND_TOPICS
-from app.recording.sink import RecordingSink
 from app.system.config import SessionSetup
 from app.system.scheduling import avoid_control_core, gc_freeze, set_scheduling
 from hal.cameras.camera import Frame, Intrinsics
 from kgdfa.button import STALE_NS, ButtonMode, ButtonPlace
 from kgdfa.draw import draw
+from kgdfa.errors import KgdfaError
 from kgdfa.pipeline import Pipeline, PipelineInput, Report
 from kgdfa.press_zone import PressZone
-from logs.reason import Reason, reason
-from logs.records import EventRaised, ProcessEnd, ProcessStart, RecordingSent
+from logs.reason import Reason, reason, reason_of
+from logs.records import EventRaised, ProcessEnd, ProcessStart
 
 FRAME_TIMEOUT_S = 0.1
 RATE_AFTER_NS = 5_000_000_000  # of frames: then the camera's measured rate is recorded
@@ -72,7 +71,7 @@ class Perception:
             address(links, processes.TO_PERCEPTION.name), HandCommand | PerceptionCommand
         )
         self._links = (self._reports, self._previews, self._commands)
-        self._recording = RecordingSink(links, processes.RECORDING) if setup.config.recording.on else None
+        self._recording = ReportRecorder(links) if setup.config.recording.on else None
         self._pictures = PictureRecorder(links) if setup.config.recording.on else None
         self._camera = CameraSupervisor(assembly.make_camera(setup), on_fault=self._record_fault)
         self._detector = Loading(lambda: assembly.make_detector(setup))
@@ -121,8 +120,7 @@ class Perception:
         self._detector.close()
         self._end_decisions()
         if self._recording is not None:
-            self._recording.close()
-            self._sink.emit(RecordingSent(messages=dict.fromkeys(HAND_TOPICS, self._sequence)))  # one each a report
+            self._sink.emit(self._recording.close())
         self._sink.emit(ProcessEnd(pid=os.getpid()))
         if self._pictures is not None:
             self._pictures.close()
@@ -188,10 +186,13 @@ class Perception:
             self._openings, self._lens = self._camera.openings, lens
 
     def _process(self, frame: Frame) -> Report | None:
-        """The frame through the chain; None while the hand model is loading."""
+        """The frame through the chain; None while the hand model is loading, and for a lens that makes no palm."""
         camera = self._camera.camera
-        if self._zone is None:
-            self._zone = assembly.zone_for(self._setup, frame, camera.name)
+        try:
+            self._zone = self._zone or assembly.zone_for(self._setup, frame, camera.name)
+        except KgdfaError as error:  # the palm was calibrated with another focal length
+            self._hint = reason_of(error)
+            return None
         self._hint = self._image_check.update(frame) or assembly.lasting_hint(
             self._setup, self._zone, frame, camera.name
         )
@@ -247,7 +248,7 @@ class Perception:
         message = with_report(without_hand, report) if report is not None else with_counts(without_hand, self._last)
         self._reports.send(message)
         if self._recording is not None:
-            self._recording.send(hand_frame(message, report, self._recording.lost))
+            self._recording.take(message, report)
 
     def _send_preview(self, frame: Frame, report: Report | None) -> None:
         place = self._place

@@ -103,7 +103,7 @@ def _snapshot(batch: TickBatch) -> Iterator[Message]:
 
 
 def of_hand(frame: HandFrame) -> Iterator[Message]:
-    """Keypoints, verdict and button of one frame; before the camera's first image by when it was sent."""
+    """Keypoints, verdict and button of one frame; of a report without a capture by when it was sent."""
     report = frame.report
     number, at_ns = report.sequence, report.captured_ns or report.sent_ns
     keypoints = schemas.Keypoints(

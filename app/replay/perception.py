@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from msgspec.structs import replace
 
-from app.perception.frames import CONFIDENCE_DIGITS, ClassifiedFrame, button_of, unpack
+from app.perception.frames import CONFIDENCE_DIGITS, ClassifiedFrame, button_of, records_at_end, unpack
 from app.perception.reporting import Scale, records_between
 from app.replay.difference import Difference, difference, differences
 from kgdfa.button import ButtonMode, ButtonPlace
@@ -90,9 +90,21 @@ class PerceptionReplay:
             return
         self.replayed += 1
         if not self._expected:
+            self._expect_end(record)
+        if not self._expected:
             yield difference(record, "decision", kind_of(record.body), None)
             return
         yield from differences(_rounded(record), self._expected.popleft(), without=self._without)
+
+    def _expect_end(self, record: Record) -> None:
+        """Where no frame decided it: what ended with the camera or the session, after which frames begin anew.
+
+        Nothing is missing without it: a perception that was killed has ended nothing, older ones never did.
+        """
+        ended = tuple(records_at_end(self._before, self._scale)) if self._scale is not None else ()
+        if ended and isinstance(record.body, type(ended[0])):
+            self._expected.extend(ended)
+            self._recognition, self._before, self._frames = Recognition(), None, 0
 
 
 def _of_hands(hint: Hint) -> bool:

@@ -52,9 +52,10 @@ def listen(
         microphone.close()
 
 
-def signal_of(error: HardwareError) -> Signal:
+def signal_of(error: HardwareError, voice: VoiceConfig) -> Signal:
     """What is reported of a microphone that is not there."""
-    return _OF_FAULT.get(error.code, Signal.NO_MICROPHONE)  # type: ignore[call-overload, no-any-return]
+    other = Signal.RECORDING_UNUSABLE if voice.kind == "recording" else Signal.NO_MICROPHONE
+    return _OF_FAULT.get(error.code, other)  # type: ignore[call-overload, no-any-return]
 
 
 def main() -> None:
@@ -78,7 +79,7 @@ def main() -> None:
         ended = listen(microphone, KeywordSpotter, report)
     except HardwareError as error:
         ended = error
-    report(signal_of(ended))
+    report(signal_of(ended, voice))
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ class Signal(Enum):
     NO_PORTAUDIO = b"p"
     NO_MICROPHONE = b"m"
     RECORDING_ENDED = b"r"
+    RECORDING_UNUSABLE = b"u"  # the file is missing, or of another format
 
 
 class VoiceState(Enum):
@@ -29,6 +30,7 @@ class VoiceState(Enum):
     NO_PORTAUDIO = "no PortAudio"
     NO_MICROPHONE = "no microphone"
     RECORDING_ENDED = "recording ended"
+    RECORDING_UNUSABLE = "recording unusable"
     SILENT = "silent"  # the process or its microphone stands still
 
 
@@ -40,4 +42,5 @@ STATE_OF = {
     Signal.NO_PORTAUDIO: VoiceState.NO_PORTAUDIO,
     Signal.NO_MICROPHONE: VoiceState.NO_MICROPHONE,
     Signal.RECORDING_ENDED: VoiceState.RECORDING_ENDED,
+    Signal.RECORDING_UNUSABLE: VoiceState.RECORDING_UNUSABLE,
 }

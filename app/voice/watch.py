@@ -24,7 +24,7 @@ _KNOWN = {one.value: one for one in Signal}
 
 
 class VoiceStop:
-    """Runs the listening process again whenever it ends or stands still, but for a recording that has ended.
+    """Runs the listening process again whenever it ends or stands still, but for a recording that has ended or is none.
 
     `state` may be read from any thread.
     """
@@ -75,7 +75,7 @@ class VoiceStop:
         while not self._ending.is_set():
             with suppress(OSError):
                 self._listen()
-            if self._state is VoiceState.RECORDING_ENDED:
+            if self._state in {VoiceState.RECORDING_ENDED, VoiceState.RECORDING_UNUSABLE}:
                 return
             if self._state in {VoiceState.STARTING, VoiceState.LISTENING, VoiceState.NO_SOUND}:
                 self._state = VoiceState.SILENT

@@ -36,7 +36,7 @@ FrameSource = Callable[[], Iterator[RecordedFrame]]
 
 
 class PlaybackCamera:
-    """Plays moments back at the pace they were recorded, or as fast as they are read.
+    """Plays moments back at the pace they were recorded, or as fast as they are read; slower where it can't decode so.
 
     Captured times are of this host's clock now: for the chain a recording is a live camera.
     """
@@ -93,15 +93,16 @@ class PlaybackCamera:
             raise self._error or EndOfRecording()
         if self._paced and not _wait_until(self._due_ns(frame), timeout_s):
             return None
-        limit_ns = time.monotonic_ns() + round(timeout_s * 1e9)
+        begun_ns = time.monotonic_ns()
+        limit_ns = begun_ns + round(timeout_s * 1e9)
         self._next = self._read_ahead(self._pending)
         while self._paced and self._next is not None and self._due_ns(self._next) <= (now_ns := time.monotonic_ns()):
-            if now_ns >= limit_ns:
+            # Where decoding alone is slower than the video, skipping gains nothing: it plays slower, as of now.
+            if now_ns >= limit_ns or now_ns - begun_ns > self._next.offset_ns - frame.offset_ns:
+                self._started_ns += now_ns - self._due_ns(self._next)
                 break
-            period_ns = self._next.offset_ns - frame.offset_ns
-            frame, self._next = self._next, self._read_ahead(self._pending)
-            if time.monotonic_ns() - now_ns > period_ns:
-                break  # decoding alone is slower than the video: skipping gains nothing
+            frame, begun_ns = self._next, now_ns
+            self._next = self._read_ahead(self._pending)
         height, width = frame.image_bgr.shape[:2]
         check_size(self._intrinsics, width, height, self.name)
         self._sequence += 1
@@ -127,17 +128,28 @@ class PlaybackCamera:
         return self._started_ns + frame.offset_ns
 
 
+def open_video(path: Path) -> cv2.VideoCapture | None:
+    """A video file, None when it is none; never a pattern, a device or an address, as a relative `10:30.mp4` is."""
+    capture = cv2.VideoCapture(str(path.absolute())) if path.is_file() else None
+    return capture if capture is not None and capture.isOpened() else None
+
+
+def frame_period_ns(video: cv2.VideoCapture) -> float:
+    """At the video's own rate; at 30/s where it has none, or one that no camera has."""
+    rate_hz = video.get(cv2.CAP_PROP_FPS)
+    return 1e9 / (rate_hz if 0 < rate_hz <= 1000 else 30.0)
+
+
 def video_source(path: Path) -> FrameSource:
     """A video file's images at its own rate (30/s where it has none)."""
 
     def source() -> Iterator[RecordedFrame]:
-        capture = cv2.VideoCapture(str(path)) if path.is_file() else None  # not a pattern, a device or an address
-        if capture is None or not capture.isOpened():
+        capture = open_video(path)
+        if capture is None:
             raise HardwareError(RecordingFault.VIDEO_UNREADABLE, path=path)
         if capture.get(cv2.CAP_PROP_FRAME_WIDTH) * capture.get(cv2.CAP_PROP_FRAME_HEIGHT) > MAX_PIXELS:
             raise HardwareError(RecordingFault.VIDEO_UNREADABLE, path=path)
-        rate = capture.get(cv2.CAP_PROP_FPS)
-        period_ns = 1e9 / (rate if 0 < rate <= 1000 else 30.0)
+        period_ns = frame_period_ns(capture)
         number = 0
         try:
             while True:

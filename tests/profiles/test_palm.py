@@ -37,6 +37,7 @@ def calibrated(
         camera="cam",
         focal_px=focal_px,
         width_px=1280,
+        height_px=720,
         distance_m=true_m,
         measured_m=measured_m,
         provisional_reference_m=reference_segment(patient).length_m,
@@ -101,10 +102,34 @@ def test_a_new_calibration_takes_the_place_of_the_old_one(patient: Profile) -> N
 def test_a_calibration_holds_for_another_resolution_and_another_focal_length(patient: Profile) -> None:
     known = with_calibration(patient, calibrated(patient, measured_m=[0.30] * 30).calibration)
     length_m = reference_segment(known, camera="cam").length_m
-    half = reference_segment(known, camera="cam", focal_px=475.0, width_px=640)
+    half = reference_segment(known, camera="cam", focal_px=475.0, width_px=640, height_px=360)
     assert half.length_m == pytest.approx(length_m)
-    corrected = reference_segment(known, camera="cam", focal_px=1000.0, width_px=1280)
+    corrected = reference_segment(known, camera="cam", focal_px=1000.0, width_px=1280, height_px=720)
     assert corrected.length_m * 1000 == pytest.approx(length_m * 950)
+
+
+@pytest.mark.parametrize(
+    ("width_px", "height_px", "source", "source_of_old"),  # old: its entry has no height
+    [
+        (1920, 1080, ReferenceSource.CALIBRATED, ReferenceSource.CALIBRATED),
+        (848, 480, ReferenceSource.CALIBRATED, ReferenceSource.CALIBRATED),
+        (720, 1280, ReferenceSource.CALIBRATED, ReferenceSource.ESTIMATED),  # on its side
+        (640, 480, ReferenceSource.ESTIMATED, ReferenceSource.CALIBRATED),
+        (480, 640, ReferenceSource.ESTIMATED, ReferenceSource.ESTIMATED),
+    ],
+)
+def test_a_calibration_holds_for_images_of_its_shape_however_the_camera_is_turned(
+    patient: Profile, width_px: int, height_px: int, source: ReferenceSource, source_of_old: ReferenceSource
+) -> None:
+    made = calibrated(patient, measured_m=[0.31] * 30)
+    old = msgspec.structs.replace(made.calibration, height_px=0)
+    focal_px = 950 * max(width_px, height_px) / 1280
+    for kept, wanted in ((made.calibration, source), (old, source_of_old)):
+        known = with_calibration(patient, kept)
+        segment = reference_segment(known, camera="cam", focal_px=focal_px, width_px=width_px, height_px=height_px)
+        assert segment.source is wanted
+        expected = made.reference_m if wanted is ReferenceSource.CALIBRATED else made.expected.length_m
+        assert segment.length_m == pytest.approx(expected)
 
 
 @pytest.mark.parametrize(
@@ -115,6 +140,8 @@ def test_a_calibration_holds_for_another_resolution_and_another_focal_length(pat
         ([0.25, 0.30, 0.35] * 10, 0.3, ProfileFault.SCATTER),
         ([0.3] * 30, 0.05, ProfileFault.DISTANCE),
         ([0.3] * 30, float("nan"), ProfileFault.DISTANCE),
+        ([0.78] * 30, 0.3, ProfileFault.NO_PALM),
+        ([0.15] * 30, 0.3, ProfileFault.NO_PALM),
     ],
 )
 def test_a_calibration_that_would_mislead_is_refused(

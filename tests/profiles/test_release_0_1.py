@@ -36,6 +36,7 @@ def test_a_profile_of_release_0_1_opens(old_store: ProfileStore) -> None:
     assert isclose(profile.hip_max_rad, 1.2, rel_tol=1e-9)
     (calibration,) = profile.calibrations
     assert (calibration.camera, calibration.focal_anchor_px_m, calibration.width_px) == ("webcam C920", 64.2, 1280)
+    assert calibration.height_px == 0
 
 
 def test_its_history_continues(old_store: ProfileStore) -> None:

@@ -11,6 +11,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from app.ipc.links import Address, new_link_directory
 from app.ipc.messages import TriggerReport
@@ -20,10 +21,13 @@ from app.system.config import CameraConfig, Config, SessionSetup
 from hal.cameras.camera import Frame
 from hal.errors import CameraFault, HardwareError
 from kgdfa.button import STALE_NS, ButtonPlace, ButtonState
+from kgdfa.errors import KgdfaFault
 from kgdfa.hand import Hand, Side
 from kgdfa.pipeline import PipelineInput, Report
+from logs.reason import key_of
 from logs.records import Camera, ProcessEnd
-from profiles.schema import DEMO_PATIENT
+from profiles.palm import with_calibration
+from profiles.schema import DEMO_PATIENT, Calibration
 
 
 class NoHands:
@@ -213,6 +217,28 @@ def test_between_two_frames_of_a_slow_camera_a_hand_stays_as_it_was(
     assert (before.hand, before.pressed) == (True, True)
     assert (after.hand, after.pressed, after.cancel_count) == (held, held, 2)
     assert (after.captured_ns, after.sequence) == (before.captured_ns, before.sequence + 1)
+
+
+def test_a_palm_that_the_lens_makes_none_is_a_lasting_hint_and_no_end(made: Perception) -> None:
+    camera, sent = made._camera.camera.name, list[TriggerReport]()
+    calibration = Calibration(
+        camera=camera, focal_anchor_px_m=1.0, focal_px=20.0, distance_m=0.3, residual=0.01, calibrated_at="2026",
+        width_px=640, height_px=360,
+    )  # fmt: skip
+    made._setup = structs.replace(made._setup, profile=with_calibration(DEMO_PATIENT, calibration))
+
+    def take(message: TriggerReport) -> None:
+        sent.append(message)
+        if len({one.captured_ns for one in sent}) > 5:
+            made.end()
+
+    Publisher.take = take
+    made.run()
+    made.close()
+    for one in sent[-4:]:
+        assert one.hint is not None
+        assert (one.hint.code, one.hand, one.detector_ready) == (key_of(KgdfaFault.REFERENCE_LENGTH), False, False)
+    assert DETECTOR.frames == 0
 
 
 def test_a_detector_that_can_not_be_built_still_ends_in_order(

@@ -9,17 +9,19 @@ import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from msgspec import structs
 
 from app.perception.frames import DecisionRecorder, FrameBatch, button_of, button_record, unpack
 from app.replay.difference import Difference
 from app.replay.perception import DECISIONS, NOT_REPLAYED
 from app.replay.session import replay
-from kgdfa.button import ButtonMode, ButtonPlace
+from kgdfa.button import ButtonMode, ButtonPlace, PressCancel
 from kgdfa.distance import Distance, DistanceChoice
 from kgdfa.gesture import VOTE_FRAMES, Decision, Explanation, Gesture, Verdict
 from kgdfa.pipeline import Report
 from kgdfa.recognition import FrameReading, Recognition, recognise
-from logs.records import Body, Calibration, Frames, GestureOnset, Press, Record, Release
+from logs.reason import reason
+from logs.records import Body, Calibration, Cancel, Frames, GestureOnset, Press, Record, Release
 from tests.app.perception.test_reporting import SCALE
 
 PLACE = ButtonPlace(x_px=640.0, y_px=360.0, radius_px=76.8, threshold_m=0.2)
@@ -169,6 +171,33 @@ def test_a_session_of_pushes_is_replayed_whole() -> None:
     assert kinds.count("Release") == 2
     assert kinds.count("Cancel") == 1
     assert differing(SESSION) == ()
+
+
+PRESSED = PUSH[:8]  # and then no frame any more
+
+
+def test_a_press_in_force_at_the_end_is_cancelled_and_replayed_with_what_begins_anew() -> None:
+    ended = recorded(timed(PRESSED))
+    onset, cancel = ended[-2:]
+    assert isinstance(onset, GestureOnset)
+    assert isinstance(cancel, Cancel)
+    assert (onset.gesture, cancel.gesture) == (None, "1")
+    assert cancel.reason == reason(PressCancel.CAMERA_PAUSED)
+    again = replay(trail([*ended, *recorded(timed(PUSH))]))
+    assert again.differences == ()
+    killed = [*ended[:-2], *recorded(timed(PUSH))]  # or an older trail
+    assert differing(killed) == ()
+    (found,) = differing([*ended[:-1], structs.replace(cancel, pressed_ns=1)])
+    assert (found.kind, found.field) == ("cancel", "pressed_ns")
+    (found,) = differing([*ended[:-1], *recorded(timed(PUSH))])
+    assert (found.field, found.replayed) == ("decision", "cancel")
+
+
+def test_frames_do_not_go_on_after_an_end() -> None:
+    readings = timed(PUSH)
+    ended, whole = recorded(readings[:8]), recorded(readings)
+    goes_on = [*ended, *whole[len(ended) - 2 :]]
+    assert "number" in {one.field for one in differing(goes_on)}
 
 
 def changed(field: str, value: object) -> object:

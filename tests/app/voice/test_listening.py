@@ -5,6 +5,7 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
+import wave
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,7 +18,7 @@ from app.voice.signals import ALIVE_TIMEOUT_S, Signal, VoiceState
 from app.voice.spotter import KeywordSpotter
 from app.voice.watch import VoiceStop
 from hal.errors import HardwareError, MicrophoneFault
-from hal.microphone import VoiceConfig
+from hal.microphone import RATE_HZ, VoiceConfig, make_microphone
 
 ON = VoiceConfig(on=True)
 WORD, SOUND, SILENCE = b"\x01\x02", b"\x03\x04", b"\0\0"
@@ -56,14 +57,34 @@ def test_each_word_is_one_stop_and_silence_is_told_from_sound() -> None:
     error = listen(microphone, FindsWord, reported.append)
     assert b"".join(one.value for one in reported) == b"llszls"
     assert (error.code, microphone.closed) == (MicrophoneFault.GONE, True)
-    assert signal_of(error) is Signal.NO_MICROPHONE
+    assert signal_of(error, ON) is Signal.NO_MICROPHONE
 
 
 def test_what_is_missing_is_said_by_its_own_signal() -> None:
     ended = listen(Blocks(), lambda: pytest.fail("loaded for nothing"), lambda _: None)
-    assert signal_of(ended) is Signal.NO_PORTAUDIO
-    assert signal_of(HardwareError(MicrophoneFault.EXTRA_MISSING)) is Signal.NO_EXTRA
-    assert signal_of(HardwareError(MicrophoneFault.RECORDING_ENDED)) is Signal.RECORDING_ENDED
+    assert signal_of(ended, ON) is Signal.NO_PORTAUDIO
+    assert signal_of(HardwareError(MicrophoneFault.EXTRA_MISSING), ON) is Signal.NO_EXTRA
+    assert signal_of(HardwareError(MicrophoneFault.NOT_OPENED), ON) is Signal.NO_MICROPHONE
+
+
+@pytest.mark.parametrize(
+    ("rate_hz", "wanted"),
+    [(None, Signal.RECORDING_UNUSABLE), (44_100, Signal.RECORDING_UNUSABLE), (RATE_HZ, Signal.RECORDING_ENDED)],
+    ids=["missing", "of another rate", "as it has to be"],
+)
+def test_a_recording_that_is_missing_or_of_another_format_is_no_missing_microphone(
+    tmp_path: Path, rate_hz: int | None, wanted: Signal
+) -> None:
+    path = tmp_path / "said.wav"
+    if rate_hz is not None:
+        with wave.open(str(path), "wb") as file:
+            file.setnchannels(1)
+            file.setsampwidth(2)
+            file.setframerate(rate_hz)
+            file.writeframes(SILENCE * 10)
+    config = VoiceConfig(on=True, kind="recording", device=str(path))
+    ended = listen(make_microphone(config, lambda: None), FindsWord, lambda _: None)
+    assert signal_of(ended, config) is wanted
 
 
 def test_the_spotter_without_the_extra_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -152,14 +173,19 @@ def test_a_process_that_stands_still_is_replaced(monkeypatch: pytest.MonkeyPatch
     voice.close()
 
 
-def test_a_recording_that_has_ended_is_not_played_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("sent", "state"), [("lsr", VoiceState.RECORDING_ENDED), ("lsu", VoiceState.RECORDING_UNUSABLE)]
+)
+def test_a_recording_that_has_ended_or_is_none_is_not_played_again(
+    monkeypatch: pytest.MonkeyPatch, sent: str, state: VoiceState
+) -> None:
     monkeypatch.setattr("app.voice.watch.RESTART_S", 0.0)
     calls: list[None] = []
-    voice = VoiceStop(ON, lambda: calls.append(None), process("out.write(b'lsr')"))
+    voice = VoiceStop(ON, lambda: calls.append(None), process(f"out.write({sent.encode()!r})"))
     voice.start()
     voice._thread.join(20.0)
     assert not voice._thread.is_alive()
-    assert (voice.state, len(calls)) == (VoiceState.RECORDING_ENDED, 1)
+    assert (voice.state, len(calls)) == (state, 1)
     voice.close()
 
 

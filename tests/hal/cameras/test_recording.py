@@ -5,6 +5,7 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator
 from contextlib import suppress
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -134,3 +135,29 @@ def test_a_reader_slower_than_the_recording_gets_the_newest_image_if_paced(
             clock.sleep(4 * PERIOD_NS / 1e9)
     assert len(ages_ns) == given
     assert not paced or max(ages_ns) < 2 * PERIOD_NS
+
+
+@pytest.mark.parametrize("decoding", [0.5, 0.99, 1.2, 4.0])  # in periods of the video
+def test_a_video_that_decodes_slower_than_its_rate_plays_slower_and_stays_live(
+    monkeypatch: pytest.MonkeyPatch, decoding: float
+) -> None:
+    clock = Clock()
+    monkeypatch.setattr(playback, "time", clock)
+
+    def source() -> Iterator[RecordedFrame]:
+        grey = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+        for number in range(300):
+            clock.sleep(decoding * PERIOD_NS / 1e9)
+            yield RecordedFrame(offset_ns=number * PERIOD_NS, image_bgr=grey)
+
+    camera = PlaybackCamera(Path("one.avi"), source)
+    camera.open()
+    captures_ns, ages_ns = list[int](), list[int]()
+    with suppress(EndOfRecording):
+        while frame := camera.read(0.1):
+            clock.sleep(0.9 * PERIOD_NS / 1e9)
+            captures_ns.append(frame.captured_ns)
+            ages_ns.append(clock.now_ns - frame.captured_ns)
+    assert len(captures_ns) > 50
+    assert all(before < after for before, after in pairwise(captures_ns))
+    assert max(ages_ns) < 250_000_000
