@@ -9,7 +9,7 @@ from pathlib import Path
 
 from logs.findings import Finding, Status
 from logs.journal import COMMENTS, parts_of
-from logs.read import whole_records
+from logs.read import records
 from logs.reason import Reason, reason
 from logs.records import Comment, Record
 from logs.verify import Evidence, verify
@@ -54,9 +54,9 @@ def comments_on(session: Path, evidence: Evidence, hash_of: Callable[[int], str 
 def _that_hold(finding: Finding) -> list[Record]:
     """Those of a sound file, and those of an incomplete one that a signature covers: a crash tears only the end."""
     if finding.status is Status.SOUND:
-        return whole_records(finding.file)
+        return records(finding.file)
     if finding.status is Status.INCOMPLETE:
-        return [record for record in whole_records(finding.file) if record.sequence < finding.proven]
+        return [record for record in records(finding.file) if record.sequence < finding.proven]
     return []
 
 

@@ -6,7 +6,6 @@ import errno
 import fcntl
 import os
 import time
-from io import FileIO
 from pathlib import Path
 
 FLOOR_BYTES = 512 << 20  # of the disk stay free of recordings: a trail that can't be written stops the legs
@@ -64,12 +63,24 @@ def _locked(handle: int) -> int:
             return handle
 
 
-def append_line(file: FileIO, line: bytes) -> None:
-    """The whole line or none: a full disk takes part of one, which would spoil what is read and appended later."""
-    before = file.tell()
-    if file.write(line) < len(line):
-        file.truncate(before)
-        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+def append_line(path: Path, line: bytes) -> None:
+    """The whole line or none, on the medium: a full disk takes part of one, which would spoil what is appended later.
+
+    What a loss of power has cut off stays on a line of its own.
+    """
+    with path.open("a+b", buffering=0) as file:
+        before = file.seek(0, os.SEEK_END)
+        if before and os.pread(file.fileno(), 1, before - 1) != b"\n":
+            line = b"\n" + line
+        try:
+            whole = file.write(line) == len(line)
+            os.fsync(file.fileno())
+        except OSError:
+            file.truncate(before)
+            raise
+        if not whole:
+            file.truncate(before)
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
 
 def is_being_written(path: Path) -> bool:

@@ -50,6 +50,7 @@ class Remark(Enum):
     """What a reader should know beside the status."""
 
     NO_MANIFEST = auto()
+    MANIFEST_UNREADABLE = auto()
     EMPTY = auto()
     RECOVERED = auto()  # how
     NO_MIRROR = auto()

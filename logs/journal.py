@@ -23,7 +23,7 @@ import msgspec
 from logs.disk import Disk
 from logs.errors import AuditError, AuditFault
 from logs.keys import Anchor, ConsoleKey, by_fingerprint, read_anchors, write_anchor
-from logs.line import GENESIS, MAX_LINE, SIGNED_KINDS, unseal
+from logs.line import GENESIS, MAX_LINE, SIGNED_KINDS, is_whole, unseal
 from logs.reading.errors import UNDECODABLE, cause_of
 from logs.reading.regular import open_regular
 from logs.reason import Reason, reason
@@ -124,7 +124,7 @@ def first_body(path: Path) -> Body | None:
     with open_regular(path) as file:
         lines = iter(partial(file.readline, MAX_LINE), b"")
         try:
-            return next((decode_record(line).body for line in lines if unseal(line) is not None), None)
+            return next((decode_record(line).body for line in lines if is_whole(line)), None)
         except UNDECODABLE:
             return None
 
@@ -149,19 +149,25 @@ def current_part(path: Path, key: ConsoleKey) -> tuple[Path, Scan | None, list[L
     if scan.fault is not None and not scan.is_torn:
         return behind, None, [found_torn(newest.name, scan, key)]
     anchor = anchors.get(newest.name)
-    if anchor is not None and part_is_cut(newest, anchor):
+    if anchor is not None and anchor.hash != scan.unended_hash and part_is_cut(newest, anchor):
         how = reason(Found.CUT, remembered=anchor.entries, found=scan.records)
         return behind, None, [found_torn(newest.name, scan, key, how)]
-    return newest, scan, [found_torn(newest.name, scan, key)] if scan.torn_bytes else []
+    return newest, scan, [found_torn(newest.name, scan, key)] if scan.torn_bytes and not scan.unended_hash else []
 
 
 def open_part(path: Path, scan: Scan | None, key: ConsoleKey, disk: Disk) -> tuple[Trail, Chain]:
-    """Open a part for appending, or begin one. A torn tail gets a line end behind it; the caller records it."""
+    """Open a part for appending, or begin one. A torn tail gets a line end behind it; the caller records it.
+
+    With its line end a tail that lacked nothing else is a record again, at once: who reads the part next finds it.
+    """
     if scan is None:
         return Trail(path, disk, exists=path.exists()), Chain(key)
     trail = Trail(path, disk, exists=True, offset=scan.size)
     if scan.torn_bytes:
         trail.prepend_line_end()
+    if scan.unended_hash:
+        trail.settle()
+        return trail, Chain(key, scan.records + 1, scan.unended_hash)
     return trail, Chain(key, scan.records, scan.last_hash)
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from logs.disk import Disk, is_being_written
 from logs.journal import MANIFEST, Found, Moment, current_part, found_torn, keep_end, open_part, parts_of
 from logs.keys import ConsoleKey, PublicKey, by_fingerprint
-from logs.line import GENESIS, MAX_LINE
+from logs.line import GENESIS, MAX_LINE, is_whole
 from logs.reading.errors import UNDECODABLE
 from logs.reading.regular import open_regular
 from logs.reason import Reason, reason
@@ -33,6 +33,7 @@ class Listing:
     ended: dict[str, LogClosed | LogRecovered] = field(default_factory=dict)
     hashes: list[str] = field(default_factory=list)  # of its entries, in order
     signers: set[str] = field(default_factory=set)  # keys that its signatures name
+    parts: int = 0  # files read
 
     @property
     def unfinished(self) -> list[str]:
@@ -51,6 +52,7 @@ def read_listings(folder: Path, keys: Mapping[str, PublicKey], trusted: Containe
     for path in manifest_paths(folder):
         scan = scan_file(path, keys)
         listing.signers |= scan.signers
+        listing.parts += 1
         _read_into(listing, path, scan.records, trusted)
     return listing
 
@@ -59,11 +61,13 @@ def _read_into(listing: Listing, path: Path, records: int, trusted: Container[st
     taken = 0
     with open_regular(path) as file:
         while taken < records and (line := file.readline(MAX_LINE)):
+            if not is_whole(line):
+                continue  # of a torn tail that a later entry explains: a line there can read like an entry
+            taken += 1
             try:
                 record = decode_record(line)
             except UNDECODABLE:
-                continue  # a torn tail that a later entry explains
-            taken += 1
+                continue  # a newer version's
             listing.hashes.append(record.hash)
             if isinstance(record.body, _LogEntry) and (trusted is None or record.body.key in trusted):
                 _note(listing, record.body)

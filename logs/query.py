@@ -64,7 +64,8 @@ _NAMES = ("sign-in", "sign-out", "sign-in-failed", "operator-changed")  # kinds 
 ENVELOPE_COLUMNS = ["file", "session", "sequence", "wall", "monotonic_ns", "process", "operator", "schema", "patient"]
 AS_EXPORTED = {*ENVELOPE_COLUMNS, *BODY_COLUMNS, "body"}
 
-# The ready questions: standard SQL over the table of records. Their wording: `question.<name>` in the catalogues.
+# The ready questions: standard SQL over the table of records. Of a session on two computers there are two files, of
+# which one holds control's records: its hours count. Their wording: `question.<name>` in the catalogues.
 QUESTIONS: dict[str, str] = {
     "unintended": """
         SELECT session, patient, count(*) AS actions,
@@ -92,8 +93,9 @@ QUESTIONS: dict[str, str] = {
     "faults": """
         WITH lengths AS (
             SELECT (max(monotonic_ns) - min(monotonic_ns)) / 3.6e12 AS hours FROM records GROUP BY file
+            HAVING sum(CASE WHEN process = 'control' THEN 1 ELSE 0 END) > 0
         ),
-        total AS (SELECT sum(hours) AS device_hours FROM lengths),
+        total AS (SELECT coalesce(sum(hours), 0e0) AS device_hours FROM lengths),
         faults AS (
             SELECT event, effect, count(*) AS times
             FROM records WHERE kind = 'event-raised' AND effect IN ('hold', 'damp') GROUP BY event, effect
@@ -109,10 +111,10 @@ def connect(paths: Sequence[Path], kind: str = "VIEW") -> duckdb.DuckDBPyConnect
 
     Raises AuditError when there is nothing to read.
     """
-    parquet = _once(path for path in paths if path.suffix == ".parquet")
+    parquet = _once(filter(_is_parquet, paths))
     for path in parquet:
         check_regular(path)
-    kinds = {True: parquet, False: _trails([path for path in paths if path.suffix != ".parquet"])}
+    kinds = {True: parquet, False: _trails(paths)}
     sources = [source_sql(files, is_parquet=is_parquet) for is_parquet, files in kinds.items() if files]
     if not sources:
         raise AuditError(AuditFault.NO_TRAILS, places=", ".join(map(str, paths)))
@@ -214,7 +216,7 @@ def export(paths: Sequence[Path], output: Path, *, drop_operators: bool) -> int:
 def lines_of(paths: Sequence[Path]) -> dict[str, int]:
     """How many lines each trail holds; of Parquet none are counted. Raises AuditError."""
     counts: dict[str, int] = {}
-    for path in _trails([path for path in paths if path.suffix != ".parquet"]):
+    for path in _trails(paths):
         with open_regular(path) as file:
             counts[str(path)] = sum(1 for line in iter(partial(file.readline, MAX_LINE), b"") if line.strip())
     return counts
@@ -279,16 +281,34 @@ def first_line(error: BaseException) -> str:
     return (str(error).strip().splitlines() or [type(error).__name__])[0]
 
 
+def _is_parquet(path: Path) -> bool:
+    """Whether its name or its first bytes say so. What can't be read is none: reading it says why."""
+    if path.suffix.lower() == ".parquet":
+        return True
+    if not path.is_file():
+        return False
+    try:
+        with open_regular(path) as file:
+            return file.read(4) == b"PAR1"
+    except OSError:
+        return False
+
+
 def _trails(paths: Sequence[Path]) -> list[Path]:
-    found = _once(file for path in paths for file in (session_paths(path) if path.is_dir() else [path]))
+    trails = (path for path in paths if not _is_parquet(path))
+    found = _once(file for path in trails for file in (session_paths(path) if path.is_dir() else [path]))
     for path in found:
         check_regular(path)
     return [path for path in found if path.stat().st_size]
 
 
 def _once(paths: Iterable[Path]) -> list[Path]:
-    """Each file once, however often and by whatever path it is named: its records would count twice."""
-    return list({realpath(path): path for path in paths}.values())
+    """Each file once, however often and by whatever path it is named: its records would count twice.
+
+    DuckDB takes `..` out of a path by its text, links or not, and names the file so: it gets the real path.
+    """
+    named = {realpath(path): path for path in paths}
+    return [Path(real) if ".." in path.parts else path for real, path in named.items()]
 
 
 def check_regular(path: Path) -> None:

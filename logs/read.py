@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -16,7 +16,17 @@ from logs.journal import parted
 from logs.line import MAX_LINE, is_whole
 from logs.reading.errors import UNDECODABLE, cause_of
 from logs.reading.regular import open_regular
-from logs.records import ActionEnd, Command, EventRaised, PatientChosen, Record, Refusal, Stop, decode_record
+from logs.records import (
+    ActionEnd,
+    Command,
+    EventRaised,
+    PatientChosen,
+    Record,
+    Refusal,
+    SessionStart,
+    Stop,
+    decode_record,
+)
 from logs.verify import is_session
 
 _BEGINNING = 200  # records; every process begins and the patient is chosen within the first dozens
@@ -54,14 +64,10 @@ def records(path: Path) -> list[Record]:
     return [record for record in read(path) if isinstance(record, Record)]
 
 
-def whole_records(path: Path) -> list[Record]:
-    """The same without those in a torn stretch: a line there can read like a record."""
-    found = (understand(line, number) for number, line in _lines(path) if is_whole(line))
-    return [record for record in found if isinstance(record, Record)]
-
-
 def understand(line: bytes, number: int) -> Record | UnreadableLine:
-    """One line."""
+    """One line, with or without its line end. What does not match its hash is no record, even if it reads like one."""
+    if not is_whole(line.removesuffix(b"\n") + b"\n"):
+        return _unreadable_line(line, number, "not whole")
     try:
         return decode_record(line)
     except UNDECODABLE as error:
@@ -139,13 +145,14 @@ class Outline:
     began: str
     duration_s: float
     records: int
-    actions: int
-    completed: int
-    refusals: int
-    events: int
-    stops: int
-    steps: int
-    distance_m: float
+    joints_host: str  # the other computer, whose trail holds what control recorded: the following are None then
+    actions: int | None
+    completed: int | None
+    refusals: int | None
+    events: int | None
+    stops: int | None
+    steps: int | None
+    distance_m: float | None
 
 
 def outline(path: Path) -> Outline:
@@ -157,12 +164,13 @@ def outline_of(found: list[Record]) -> Outline:
     """The same from records already read."""
     bodies = [record.body for record in found]
     ends = [body for body in bodies if isinstance(body, ActionEnd)]
-    return Outline(
+    whole = Outline(
         patient=next((body.patient for body in bodies if isinstance(body, PatientChosen)), ""),
         operator=next((record.operator for record in found if record.operator), ""),
         began=found[0].wall if found else "",
         duration_s=duration_s(found),
         records=len(found),
+        joints_host=joints_host(found),
         actions=sum(isinstance(body, Command) for body in bodies),
         completed=sum(end.outcome == "completed" for end in ends),
         refusals=sum(isinstance(body, Refusal) for body in bodies),
@@ -171,6 +179,19 @@ def outline_of(found: list[Record]) -> Outline:
         steps=ends[-1].steps if ends else 0,
         distance_m=ends[-1].distance_m if ends else 0.0,
     )
+    if not whole.joints_host:
+        return whole
+    return replace(
+        whole, actions=None, completed=None, refusals=None, events=None, stops=None, steps=None, distance_m=None
+    )
+
+
+def joints_host(found: Sequence[Record]) -> str:
+    """The other computer, of a trail of the laptop's; empty: the legs were this computer's."""
+    started = next((record.body for record in found if isinstance(record.body, SessionStart)), None)
+    joints = started.configuration.get("joints") if started else None
+    host = str(joints.get("host", "")) if isinstance(joints, dict) else ""
+    return "" if any(record.process == "control" for record in found) else host
 
 
 def duration_s(found: Sequence[Record]) -> float:

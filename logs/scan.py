@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 from functools import partial
 from hashlib import sha256
@@ -85,6 +85,7 @@ class Scan:
     fault_is_sealed: bool = False  # the first bad line has at least a sealed record's shape
     torn_bytes: int = 0
     torn_sha256: str = ""
+    unended_hash: str = ""  # of the torn tail, where it is the next record and lacks only its line end
     explained_tears: int = 0  # torn tails that a later signed record explains
     closed: bool = False  # ends with a closing checkpoint
     proven: int = 0  # records covered by the newest good signature
@@ -114,38 +115,39 @@ def scan_stream(file: BinaryIO, keys: Mapping[str, PublicKey], progress: Progres
             fault = _take(scan, line, number, keys)
             if fault is None:
                 continue
-            tear = _Tear(fault)
+            tear = _Tear(fault, line)
             scan.fault_is_sealed = unseal(line) is not None
         if tear.is_explained_by(scan, line, number, keys):
             tear = None
         else:
             tear.add(line)
     if tear is not None:
-        tear.report(scan)
+        tear.report(scan, keys)
     return scan
 
 
 class _Tear:
     """The stretch behind the last good record, until a signed record explains it or the file ends."""
 
-    def __init__(self, fault: Fault) -> None:
+    def __init__(self, fault: Fault, line: bytes) -> None:
         self._fault = fault
+        self._first = line
         self._hash = sha256()
         self._size = 0
         self._last = b""  # a tear's own last byte is the line end that was put behind it
-        self._whole_line_behind = False
+        self._holds_whole_line = False
 
     def add(self, line: bytes) -> None:
         self._hash.update(self._last)
         self._hash.update(line[:-1])
         self._last = line[-1:]
         self._size += len(line)
-        if is_whole(line):
-            self._whole_line_behind = True
+        if is_whole(line.removesuffix(b"\n") + b"\n"):  # the line end that is put behind a tail makes it whole
+            self._holds_whole_line = True
 
     def is_explained_by(self, scan: Scan, line: bytes, number: int, keys: Mapping[str, PublicKey]) -> bool:
         """Whether this line is the next record and its signed text describes exactly these bytes."""
-        if self._last != b"\n" or (head := head_of(line)) is None:
+        if self._holds_whole_line or self._last != b"\n" or (head := head_of(line)) is None:
             return False
         described = (head.body.torn_bytes, head.body.torn_sha256)
         if head.body.kind != "log-recovered" or described != (self._size - 1, self._hash.hexdigest()):
@@ -155,13 +157,21 @@ class _Tear:
         scan.explained_tears += 1
         return True
 
-    def report(self, scan: Scan) -> None:
+    def report(self, scan: Scan, keys: Mapping[str, PublicKey]) -> None:
+        if self._size == len(self._first):
+            scan.unended_hash = _hash_when_ended(scan, self._first, keys)
         self._hash.update(self._last)
         scan.fault = self._fault
-        scan.is_torn = not self._whole_line_behind
+        scan.is_torn = bool(scan.unended_hash) or not self._holds_whole_line
         scan.torn_bytes = self._size
         scan.torn_sha256 = self._hash.hexdigest()
         scan.closed = False
+
+
+def _hash_when_ended(scan: Scan, line: bytes, keys: Mapping[str, PublicKey]) -> str:
+    """The hash of a line that is the next record but for its line end; empty: it is none."""
+    ended = replace(scan, signers=set(), unknown_keys=set())
+    return ended.last_hash if _take(ended, line + b"\n", 0, keys) is None else ""
 
 
 def head_of(line: bytes) -> Head | None:

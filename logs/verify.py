@@ -44,10 +44,16 @@ class Evidence:
     listings: dict[Path, tuple[int, Listing]] = field(default_factory=dict)
 
     def listing(self, folder: Path) -> Listing:
-        """What a folder's manifests say: read once for a verification, not once for each file, unless they grew."""
-        size = sum(path.stat().st_size for path in manifest_paths(folder))
-        if folder not in self.listings or self.listings[folder][0] != size:
-            self.listings[folder] = size, read_listings(folder, self.keys, self.keys or None)
+        """What a folder's manifests say: read once for a verification, not once for each file, unless they grew.
+
+        Without parts where there is none, or one can't be read.
+        """
+        try:
+            size = sum(path.stat().st_size for path in manifest_paths(folder))
+            if folder not in self.listings or self.listings[folder][0] != size:
+                self.listings[folder] = size, read_listings(folder, self.keys, self.keys or None)
+        except OSError:
+            return Listing()
         return self.listings[folder][1]
 
 
@@ -109,14 +115,15 @@ def _assess_journal(finding: Finding, scan: Scan, evidence: Evidence) -> Finding
 def _assess_session(finding: Finding, scan: Scan, evidence: Evidence, *, running: bool) -> Finding:
     if scan.fault is not None and not scan.is_torn:
         return _bad(finding, scan, Status.TAMPERED, scan.fault.reason)
-    folder = finding.file.parent
-    if not manifest_paths(folder):
+    listing = evidence.listing(finding.file.parent)
+    if not listing.parts:
         return _by_itself(finding, scan, running=running)
-    return _against_manifest(finding, scan, evidence.listing(folder), running=running)
+    return _against_manifest(finding, scan, listing, running=running)
 
 
 def _by_itself(finding: Finding, scan: Scan, *, running: bool) -> Finding:
-    finding = replace(finding, remarks=(*finding.remarks, reason(Remark.NO_MANIFEST)))
+    remark = Remark.MANIFEST_UNREADABLE if manifest_paths(finding.file.parent) else Remark.NO_MANIFEST
+    finding = replace(finding, remarks=(*finding.remarks, reason(remark)))
     if scan.closed:
         return finding
     return _unfinished(finding, scan, running=running)
@@ -215,9 +222,9 @@ def verify(paths: Sequence[Path], evidence: Evidence, progress: Progress | None 
 def _verify_folder(folder: Path, evidence: Evidence, progress: Progress | None) -> list[Finding]:
     files = sorted(folder.glob("*.jsonl"))
     findings = [_verify_one(path, evidence, progress) for path in files]
-    if not manifest_paths(folder):
-        return findings + _no_manifest(folder, findings, evidence)
     listing = evidence.listing(folder)
+    if not listing.parts:
+        return findings + _no_manifest(folder, findings, evidence)
     own = listing.signers or evidence.keys  # the mirror may be another computer's, too
     named = dict.fromkeys(copied_files(evidence.copies, own), Verdict.MISSING_BY_MIRROR)
     named |= dict.fromkeys(evidence.anchors, Verdict.MISSING_BY_ANCHOR)
@@ -242,7 +249,7 @@ def _no_manifest(folder: Path, findings: list[Finding], evidence: Evidence) -> l
     named |= dict.fromkeys(evidence.anchors, Verdict.MISSING_BY_ANCHOR)
     if gone := _missing(folder, named):
         return gone
-    if not all(is_journal(finding.file) for finding in findings):
+    if not manifest_paths(folder) and not all(is_journal(finding.file) for finding in findings):
         path = folder / MANIFEST
         return [Finding(file=path, status=Status.TAMPERED, reason=reason(Verdict.MANIFEST_MISSING))]
     if findings:

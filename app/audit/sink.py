@@ -12,7 +12,7 @@ from msgspec import structs
 from app.ipc.links import OrderedSender, address
 from app.ipc.messages import AuditHealth
 from app.ipc.streams import AUDIT, LinkDirectory
-from logs.reason import reason
+from logs.reason import Reason, reason
 from logs.records import Body, Entry, Loss, OtherTrail, RecordsLost
 
 PERIOD_NS = 1_000_000_000  # between two records of the other trail: as much can be rewritten at the end unseen
@@ -29,9 +29,13 @@ class AuditSink:
 
     def emit(self, body: Body) -> bool:
         """Queue one record with both clocks of now; False when the queue is full and it could not be taken."""
-        if self.lost and self._send(RecordsLost(count=self.lost, reason=reason(Loss.QUEUE_FULL))):
+        return self.forward(entry_now(self._process, self.operator, body))
+
+    def forward(self, entry: Entry) -> bool:
+        """As `emit`, with the clocks and the operator of the moment at which it was made."""
+        if self.lost and self._send(self._loss(self.lost, reason(Loss.QUEUE_FULL))):
             self.lost = 0
-        if self._send(body):
+        if self._send(entry):
             return True
         self.lost += 1
         return False
@@ -40,21 +44,22 @@ class AuditSink:
         """Let what is queued leave, for up to `linger_s`, and release the socket."""
         self._sender.close(linger_s)
 
-    def _send(self, body: Body) -> bool:
+    def _send(self, entry: Entry) -> bool:
         try:
-            return self._sender.send(self._entry(body))
+            return self._sender.send(entry)
         except (UnicodeEncodeError, OverflowError) as error:  # half a surrogate pair, an integer beyond 64 bits
-            why = reason(Loss.NOT_ENCODABLE, kind=type(body).__name__, detail=repr(error))
-            return self._sender.send(self._entry(RecordsLost(count=1, reason=why)))
+            why = reason(Loss.NOT_ENCODABLE, kind=type(entry.body).__name__, detail=repr(error))
+            return self._sender.send(self._loss(1, why))
 
-    def _entry(self, body: Body) -> Entry:
-        return Entry(
-            process=self._process,
-            operator=self.operator,
-            wall_ns=time.time_ns(),
-            monotonic_ns=time.monotonic_ns(),
-            body=body,
-        )
+    def _loss(self, count: int, why: Reason) -> Entry:
+        return entry_now(self._process, self.operator, RecordsLost(count=count, reason=why))
+
+
+def entry_now(process: str, operator: str, body: Body) -> Entry:
+    """A record of this moment, by both clocks."""
+    return Entry(
+        process=process, operator=operator, wall_ns=time.time_ns(), monotonic_ns=time.monotonic_ns(), body=body
+    )
 
 
 def other_trail(peer: AuditHealth, offset_ns: int, uncertainty_ns: int) -> OtherTrail | None:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -16,8 +17,18 @@ from rich.table import Table
 from rich.text import Text
 from typer import CallbackParam
 
-from app.cli.common import CliFault, HomeOption, check_output, print_answer, print_text, refuse_options, sql_of
+from app.cli.common import (
+    CliFault,
+    HomeOption,
+    check_output,
+    print_answer,
+    print_text,
+    refuse_options,
+    sql_of,
+    wide_console,
+)
 from app.system.errors import AppError
+from app.system.files import write_whole
 from app.system.paths import find_home
 from app.text.catalogue import language, render, tr
 from app.text.recorded import render_recorded
@@ -30,7 +41,8 @@ from logs.read import find_session, outline, read, records, session_paths
 from logs.read import follow as follow_file
 from logs.reading.errors import cause_of
 from logs.reason import sanitize_terminal
-from logs.show import Filter, RecordSelector, json_of, line_of
+from logs.records import Record
+from logs.show import UNKNOWN, Filter, RecordSelector, json_of, line_of
 from logs.verify import Evidence, Finding, exit_status
 from logs.verify import verify as assess
 
@@ -47,9 +59,17 @@ _MOMENT = re.compile(r"\d{4}(-\d\d(-\d\d(T\d\d(:\d\d(:\d\d(\.\d+)?)?)?Z?)?)?)?")
 
 
 def _moment(parameter: CallbackParam, value: str) -> str:
-    if value and not _MOMENT.fullmatch(value):
+    if value and not (_MOMENT.fullmatch(value) and _is_moment(value)):
         raise AppError(CliFault.NO_MOMENT, option=parameter.opts[0], value=value)
     return value.removesuffix("Z")  # behind every digit: a beginning with it would pass nothing of its minute
+
+
+def _is_moment(beginning: str) -> bool:
+    """Whether the calendar and the clock have it: as text, a thirteenth month would pass every record of its year."""
+    begun = beginning.removesuffix("Z")[:19]
+    with suppress(ValueError):
+        return bool(datetime.fromisoformat(begun + "0001-01-01T00:00:00"[len(begun) :]))
+    return False
 
 
 def _mirror(path: Path | None) -> Path | None:
@@ -163,8 +183,14 @@ def show(
         kinds=tuple(kind or ()),
     )
     folder = find_home(home).logs
-    paths = session_paths(folder) if everything else [find_session(folder, session)]
-    if not sum(_print_records(path, RecordSelector(wanted), follow=follow, as_json=json) for path in paths):
+    count = 0
+    if everything:
+        for path in session_paths(folder):
+            with _skip_unreadable():
+                count += _print_records(path, RecordSelector(wanted), named=True, as_json=json)
+    else:
+        count = _print_records(find_session(folder, session), RecordSelector(wanted), follow=follow, as_json=json)
+    if not count:
         typer.echo(tr("cli.audit.no_records"), err=True)
 
 
@@ -279,13 +305,29 @@ def list_sessions(home: HomeOption = None) -> None:
     """Sessions of this home, oldest first."""
     table = Table(box=None, collapse_padding=True)
     for column in ("session", "patient", "operator", "started", "minutes", "records", "actions", "stops"):
-        table.add_column(tr(f"cli.audit.{column}"), no_wrap=column == "session")
+        table.add_column(tr(f"cli.audit.{column}"), no_wrap=column in ("session", "started"))
+    elsewhere: dict[str, list[str]] = {}  # the sessions whose legs were another computer's, by that
     for path in session_paths(find_home(home).logs):
-        one = outline(path)
-        texts = (path.stem, one.patient, one.operator, one.began[:19])
-        numbers = (f"{one.duration_s / 60:.1f}", one.records, one.actions, one.stops)
-        table.add_row(*(sanitize_terminal(text) for text in texts), *(str(number) for number in numbers))
-    Console(highlight=False, markup=False).print(table)
+        with _skip_unreadable():
+            one = outline(path)
+            texts = (path.stem, one.patient, one.operator, one.began[:16].replace("T", " "))
+            numbers = (f"{one.duration_s / 60:.1f}", one.records, one.actions, one.stops)
+            counts = (UNKNOWN if number is None else str(number) for number in numbers)
+            table.add_row(*(sanitize_terminal(text) for text in texts), *counts)
+            if one.joints_host:
+                elsewhere.setdefault(one.joints_host, []).append(path.stem)
+    wide_console().print(table, highlight=False, markup=False)
+    for host, sessions in elsewhere.items():
+        typer.echo(sanitize_terminal(tr("outcomes.other_computer", session=", ".join(sessions), host=host)))
+
+
+@contextmanager
+def _skip_unreadable() -> Iterator[None]:
+    """Name a session that can't be read on standard error, and go on with the others."""
+    try:
+        yield
+    except AuditError as error:
+        typer.echo(sanitize_terminal(render(error)), err=True)
 
 
 def _tell_omitted(omitted: dict[str, int]) -> None:
@@ -318,20 +360,28 @@ def _print_replayed(again: Replayed) -> None:
         print_text("cli.audit.nothing_replayed")
 
 
-def _print_records(path: Path, selector: RecordSelector, *, follow: bool, as_json: bool) -> int:
-    """How many were printed."""
-    count = 0
+def _print_records(
+    path: Path, selector: RecordSelector, *, named: bool = False, follow: bool = False, as_json: bool
+) -> int:
+    """How many were printed. Lines hold the time alone: a new day, and with `named` the session, stand before them."""
+    count, before = 0, ""
     console = Console(soft_wrap=True, highlight=False, markup=False, emoji=False)
     found = follow_file(path, lambda: not is_being_written(path)) if follow else read(path)
     with suppress(KeyboardInterrupt):  # the end of following
         for record in found:
             if not selector.passes(record):
                 continue
+            day = record.wall[:10] if isinstance(record, Record) else before
             count += 1
             if as_json:
                 typer.echo(json_of(record))
-            else:
-                console.print(line_of(record, render_recorded))
+                continue
+            if named and count == 1:
+                console.print(sanitize_terminal(f"{path.stem}  {day}"), style="bold")
+            elif before not in ("", day):
+                console.print(sanitize_terminal(day), style="bold")
+            console.print(line_of(record, render_recorded))
+            before = day
     return count
 
 
@@ -346,7 +396,9 @@ def _outcomes(path: Path) -> tuple[list[tuple[str, str, str]], list[str]]:
         return [], [render(error)]
     changes = changes_of()
     lines = [(name, value, changes.get(name, "")) for name, value in lines_of(found)]
-    return lines, [*(tr(code, **values) for code, values in remarks([found])), *sources()]
+    # The other computer stands beside the page's numbers.
+    notes = (tr(code, **values) for code, values in remarks([found]) if code != "outcomes.other_computer")
+    return lines, [*notes, *sources()]
 
 
 def evidence_of(paths: list[Path], given: list[Path] | None, copies: Path | None, home: Path | None) -> Evidence:
@@ -391,6 +443,6 @@ def _write_findings(path: Path, findings: list[Finding], joins: list[Join], stat
 
 def _write(path: Path, data: bytes) -> None:
     try:
-        path.write_bytes(data)
+        write_whole(path, data)
     except OSError as error:
         raise AuditError(AuditFault.UNWRITABLE, path=path, detail=error.strerror) from error

@@ -11,8 +11,9 @@ from msgspec import Struct
 
 from app.system.errors import AppError
 from logs.disk import append_line
-from logs.reading.errors import cause_of
-from logs.reading.formats import read_json_lines
+from logs.reading.errors import InputError, cause_of
+from logs.reading.formats import MAX_JSON_LINES, decode_json
+from logs.reading.regular import read_bytes
 
 
 class SessionIndexFault(Enum):
@@ -59,12 +60,13 @@ class Records(Generic[R]):
         self._kind: type[R] = kind
 
     def of(self, patient: str) -> tuple[R, ...]:
-        """Oldest first."""
+        """Oldest first, without lines that a loss of power has cut off."""
         path = self._folder / f"{patient}.jsonl"
         if not path.exists():
             return ()
         try:
-            return read_json_lines(path, self._kind)
+            lines = read_bytes(path, MAX_JSON_LINES).split(b"\n")
+            return tuple(record for line in lines if line.strip() and (record := self._record(line)) is not None)
         except OSError as error:
             raise AppError(SessionIndexFault.UNREADABLE, path=path, detail=cause_of(error)) from error
 
@@ -73,7 +75,16 @@ class Records(Generic[R]):
         path = self._folder / f"{record.patient}.jsonl"
         try:
             self._folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-            with path.open("ab", buffering=0) as file:
-                append_line(file, msgspec.json.encode(record) + b"\n")
+            append_line(path, msgspec.json.encode(record) + b"\n")
         except OSError as error:
             raise AppError(SessionIndexFault.NOT_WRITTEN, path=path, detail=error.strerror) from error
+
+    def _record(self, line: bytes) -> R | None:
+        """None of a line that begins as a record does and is none: it was cut off."""
+        begin = b'{"%s":' % self._kind.__struct_fields__[0].encode()
+        try:
+            return decode_json(line, self._kind)
+        except InputError:
+            if line.startswith(begin) or begin.startswith(line):
+                return None
+            raise

@@ -13,6 +13,7 @@ from markupsafe import Markup, escape
 from logs.read import Outline
 from logs.reason import sanitize_terminal
 from logs.report.data import Band, JointTrace, ReportData, Spread
+from logs.show import UNKNOWN
 
 Wording = Callable[..., str]  # a key of the catalogues, with values, as text
 WIDTH = 960.0
@@ -99,10 +100,10 @@ def spreads(found: Sequence[Spread], t: Wording) -> Markup:
 
 def earlier(sessions: Sequence[Outline], t: Wording) -> Markup:
     """Steps, distance and refusals of this patient's sessions, the newest at the right."""
-    rows: tuple[tuple[str, Callable[[Outline], float], str], ...] = (
-        (t("report.steps"), lambda each: float(each.steps), "{:.0f}"),
+    rows: tuple[tuple[str, Callable[[Outline], float | None], str], ...] = (
+        (t("report.steps"), lambda each: each.steps, "{:.0f}"),
         (t("report.metres"), lambda each: each.distance_m, "{:.1f}"),
-        (t("report.refusals"), lambda each: float(each.refusals), "{:.0f}"),
+        (t("report.refusals"), lambda each: each.refusals, "{:.0f}"),
     )
     slot = (WIDTH - LEFT) / max(len(sessions), 1)
     bar = min(slot * 0.6, 60)
@@ -110,18 +111,19 @@ def earlier(sessions: Sequence[Outline], t: Wording) -> Markup:
     for row, (name, value_of, form) in enumerate(rows):
         base = (row + 1) * 80.0
         values = [value_of(each) for each in sessions]
-        most = max([*values, 1.0])
+        most = max([*(value for value in values if value is not None), 1.0])
         parts.append(_text(LEFT - 8, base - 4, name, "lane", "end"))
         for place, (each, value) in enumerate(zip(sessions, values, strict=True)):
             centre = LEFT + slot * (place + 0.5)
-            height = value / most * 54
+            height = (value or 0.0) / most * 54
             style = "bar now" if place == len(sessions) - 1 else "bar"
             parts.append(
                 Markup(
                     '<rect class="{}" x="{:.1f}" y="{:.1f}" width="{:.1f}" height="{:.1f}"><title>{}</title></rect>'
                 ).format(style, centre - bar / 2, base - height, bar, height, each.began[:16].replace("T", " "))
             )
-            parts.append(_text(centre, base - height - 4, form.format(value), "tick", "middle"))
+            number = UNKNOWN if value is None else form.format(value)
+            parts.append(_text(centre, base - height - 4, number, "tick", "middle"))
     for place, each in enumerate(sessions):
         parts.append(_text(LEFT + slot * (place + 0.5), 256, each.began[5:10], "tick", "middle"))
     return _svg(parts, 264, t("report.earlier_title"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,7 @@ from logs.read import Outline, outline, outline_of, records, session_paths
 from logs.reason import Reason, Render, reason, sanitize_terminal, text_of
 from logs.report import charts
 from logs.report.data import ReportData, data_of
+from logs.show import UNKNOWN
 from logs.verify import Evidence, verify
 
 FEW_EVENTS = 12  # beyond, a table sums them up
@@ -83,21 +85,25 @@ def report(
 def _numbers(data: ReportData) -> tuple[tuple[str, str], ...]:
     """(value, key of its label)."""
     this = data.outline
-    return (
-        (str(this.steps), "report.steps"),
-        (f"{this.distance_m:.1f} m", "report.walked"),
-        (f"{this.completed}/{this.actions}", "report.completed"),
-        (str(this.refusals), "report.refusals"),
-        (str(this.events), "report.events"),
-        (str(this.stops), "report.stops"),
+    found = (
+        (this.steps, "{}", "report.steps"),
+        (this.distance_m, "{:.1f} m", "report.walked"),
+        (this.completed, f"{{}}/{this.actions}", "report.completed"),
+        (this.refusals, "{}", "report.refusals"),
+        (this.events, "{}", "report.events"),
+        (this.stops, "{}", "report.stops"),
     )
+    return tuple((UNKNOWN if value is None else form.format(value), label) for value, form, label in found)
 
 
 def _earlier(path: Path, this: Outline) -> list[Outline]:
-    """This patient's sessions before this one, oldest first."""
+    """This patient's sessions before this one, oldest first, of those that can be read."""
     before = [other for other in session_paths(path.parent) if parted(other.stem) < parted(path.stem)]
-    outlines = (outline(other) for other in reversed(before[-3 * MOST_EARLIER :]))
-    same = [each for each in outlines if each.patient == this.patient and this.patient]
+    same: list[Outline] = []
+    for other in reversed(before[-3 * MOST_EARLIER :]):
+        with suppress(AuditError):
+            each = outline(other)
+            same += [each] if each.patient == this.patient and this.patient else []
     return list(reversed(same[:MOST_EARLIER]))
 
 

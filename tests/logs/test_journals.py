@@ -27,14 +27,15 @@ from logs.journal import (
     Found,
     Misplaced,
     append_signed,
+    found_torn,
     is_journal,
     parts_of,
 )
 from logs.keys import ANCHOR_FOLDER, PUBLIC_FILE, ConsoleKey, by_fingerprint, read_anchors
-from logs.line import GENESIS, seal, unseal
+from logs.line import GENESIS, canonical, seal, unseal
 from logs.read import records
 from logs.reason import Reason, key_of
-from logs.records import Body, Comment, LogRecovered, Note
+from logs.records import Body, Comment, LogRecovered, Note, Payload
 from logs.scan import Scan, scan_file
 from logs.verify import Evidence, Finding, Status, exit_status, verify
 from tests.support.audit_trails import Trail, moment, write_session
@@ -208,6 +209,52 @@ def test_a_next_part_that_was_created_and_not_written_begins_with_how_the_part_b
     assert first.file == name
     found = {finding.file.name: finding.status for finding in judged(journals.folder, journals.key)}
     assert (found[name], found[behind.name]) == (Status.TAMPERED, Status.SOUND)
+
+
+@pytest.mark.parametrize("settled", [True, False])
+@pytest.mark.parametrize("name", JOURNALS)
+def test_a_journal_that_lost_its_last_line_end_goes_on_behind_it(journals: Trail, name: str, settled: bool) -> None:
+    path = journals.folder / name
+    if not settled:  # the power went before the console remembered the record
+        shutil.copytree(journals.key.folder / ANCHOR_FOLDER, journals.folder.parent / "before")
+        append(journals.folder, name, journals.key, "newest")
+        shutil.rmtree(journals.key.folder / ANCHOR_FOLDER)
+        shutil.copytree(journals.folder.parent / "before", journals.key.folder / ANCHOR_FOLDER)
+    whole = path.read_bytes()
+    path.write_bytes(whole[:-1])
+    append(journals.folder, name, journals.key, "later")
+    assert path.read_bytes().startswith(whole)
+    assert b"log-recovered" not in path.read_bytes()
+    assert {finding.status for finding in judged(journals.folder, journals.key)} == {Status.SOUND}
+
+
+@pytest.mark.parametrize("hashed", [False, True])
+def test_a_forged_end_in_a_torn_manifest_ends_nothing(three: Trail, hashed: bool) -> None:
+    """By who writes the trails alone: a session that was cut, and in a tail without line end, how it was found."""
+    whole = three.session.read_bytes().splitlines(keepends=True)
+    three.session.write_bytes(b"".join(whole[:3]))
+    newest = records(three.manifest)[-1]
+    values = {name: getattr(newest, name) for name in Payload.__struct_fields__}
+    values["body"] = found_torn(three.session.name, scan_file(three.session, {}), three.key)
+    line, _ = seal(canonical(Payload(**values | {"sequence": newest.sequence + 1, "previous": newest.hash})))
+    with three.manifest.open("ab") as file:
+        file.write(line[:-1] if hashed else line[:-4] + b'0"}')
+    write_session(three.folder, "s4", three.key, Disk())
+    found = {finding.file.name: finding.status for finding in judged(three.folder, three.key)}
+    assert found["s1.jsonl"] is Status.TAMPERED
+    assert (found["s3.jsonl"], found["s4.jsonl"]) == (Status.SOUND, Status.SOUND)
+    assert found["manifest.jsonl"] is (Status.TAMPERED if hashed else Status.SOUND)
+
+
+def test_what_reads_like_a_record_in_a_torn_stretch_is_none(journals: Trail) -> None:
+    path = journals.folder / CHANGES
+    forged = path.read_bytes().splitlines()[0].replace(b"entry-0", b"forged")
+    with path.open("ab") as file:
+        file.write(forged)
+    append(journals.folder, CHANGES, journals.key, "later")
+    assert {finding.status for finding in judged(journals.folder, journals.key)} == {Status.SOUND}
+    texts = [record.body.text for record in records(path) if isinstance(record.body, Note)]
+    assert texts == ["entry-0", "entry-1", "entry-2", "later"]
 
 
 def test_an_empty_part_behind_a_sound_one_is_not_gone_on_with(journals: Trail) -> None:

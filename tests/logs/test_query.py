@@ -17,11 +17,15 @@ from logs.disk import Disk
 from logs.errors import AuditError, AuditFault
 from logs.journal import CHANGES, Moment, append_signed
 from logs.keys import load_or_make_key
-from logs.query import QUESTIONS, as_json, as_table, ask, connect, export
+from logs.mirror import CheckpointCopy
+from logs.query import QUESTIONS, as_json, as_table, ask, connect, export, lines_of, omitted_lines
 from logs.read import records, session_paths
 from logs.reason import Reason, reason
+from logs.writer import SessionWriter
 from testing.trails import write_sample
-from tests.support.audit_trails import write_session
+from tests.support.audit_trails import START, moment, write_session
+
+COUNT = "SELECT count(*) AS n FROM records"
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +75,23 @@ def test_a_request_that_was_granted_and_then_refused_counts_once(tmp_path: Path)
     assert row == {"gesture": "5", "requests": 2, "refused": 1, "rate": 0.5}
 
 
+def test_hours_of_a_session_on_two_computers_count_once(tmp_path: Path) -> None:
+    for computer, process in (("laptop", "perception"), ("joints", "control")):
+        home = tmp_path / computer
+        (home / "logs").mkdir(parents=True)
+        writer = SessionWriter(home / "logs", "s1", load_or_make_key(home / "keys"), Disk(), CheckpointCopy(""))
+        writer.begin(START, moment(0))
+        writer.take(
+            structs.replace(moment(1).entry(r.EventRaised(event="stop", effect="hold", text="")), process=process)
+        )
+        last = Moment(wall_ns=1, monotonic_ns=moment(0).monotonic_ns + 3600 * 10**9)
+        writer.end("test", last)
+        assert writer.finish(last)
+        writer.close()
+    (row,) = rows(ask(connect([tmp_path / "laptop" / "logs", tmp_path / "joints" / "logs"]), QUESTIONS["faults"]))
+    assert (row["times"], row["device_hours"]) == (2, pytest.approx(1.0))
+
+
 def test_a_rate_over_nothing_is_none(tmp_path: Path) -> None:
     """A trail that was cut may have the refusal without its request, or one record alone."""
     key = load_or_make_key(tmp_path / "keys")
@@ -116,6 +137,21 @@ def test_trails_named_beside_parquet_count_as_well(logs: Path, tmp_path: Path) -
     assert both == [{"session": one["session"], "n": 2 * one["n"]} for one in alone]
 
 
+def test_parquet_of_any_name_is_read_as_parquet(logs: Path, tmp_path: Path) -> None:
+    for name in ("records.parquet", "records.PARQUET", "records.pq"):
+        export([logs], tmp_path / name, drop_operators=False)
+        assert rows(ask(connect([tmp_path / name]), COUNT)) == rows(ask(connect([logs]), COUNT))
+        assert not lines_of([tmp_path / name])
+
+
+def test_a_path_that_goes_up_again_counts_as_its_folder(logs: Path, tmp_path: Path) -> None:
+    (tmp_path / "link").symlink_to(logs)  # its `..` is the parent of what it points to
+    for place in (logs / ".." / logs.name, tmp_path / "link" / ".." / logs.name):
+        connection = connect([place])
+        assert rows(ask(connection, COUNT)) == rows(ask(connect([logs]), COUNT))
+        assert not omitted_lines(connection, lines_of([place]))
+
+
 def test_a_path_with_brackets_is_no_pattern_of_another(tmp_path: Path) -> None:
     key = load_or_make_key(tmp_path / "keys")
     for folder in ("clinic1", "clinic[1]", "clinic?", "clinic*"):
@@ -132,10 +168,9 @@ def test_what_is_named_twice_counts_once(logs: Path, tmp_path: Path) -> None:
     export([logs], tmp_path / "records.parquet", drop_operators=False)
     link = tmp_path / "link.parquet"
     link.symlink_to(tmp_path / "records.parquet")
-    counts = "SELECT count(*) AS n FROM records"
-    once = rows(ask(connect([logs]), counts))
-    assert rows(ask(connect([logs, logs, *session_paths(logs)]), counts)) == once
-    assert rows(ask(connect([link, tmp_path / "records.parquet"]), counts)) == once
+    once = rows(ask(connect([logs]), COUNT))
+    assert rows(ask(connect([logs, logs, *session_paths(logs)]), COUNT)) == once
+    assert rows(ask(connect([link, tmp_path / "records.parquet"]), COUNT)) == once
 
 
 def test_operators_can_be_left_out_and_pseudonyms_stay(logs: Path, tmp_path: Path) -> None:

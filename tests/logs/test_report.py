@@ -11,13 +11,15 @@ from app.text.recorded import render_recorded
 from logs import records as r
 from logs.disk import Disk
 from logs.journal import COMMENTS, append_signed
-from logs.keys import ConsoleKey
-from logs.read import outline_of, records
+from logs.keys import ConsoleKey, by_fingerprint
+from logs.read import outline_of, records, session_paths
 from logs.records import Record
+from logs.report.charts import earlier
 from logs.report.data import Spread, data_of
 from logs.report.page import report
 from logs.verify import Evidence
-from tests.support.audit_trails import Trail, moment, write_session
+from testing.trails import write_sample
+from tests.support.audit_trails import LAPTOP, Trail, moment, write_session
 
 
 def test_what_acknowledged_an_event_that_came_again_did_not_acknowledge_the_first(
@@ -73,6 +75,29 @@ def test_only_comments_of_a_sound_file_about_this_sessions_records_are_on_its_re
     assert "drunk" not in page
     assert "Unproven comments in s1.comments.jsonl are not shown: TAMPERED" in page
     assert '<section class="proof sound">' in page
+
+
+def test_what_the_other_computers_trail_holds_is_not_reported_as_none(tmp_path: Path, key: ConsoleKey) -> None:
+    found = records(write_session(tmp_path, "s1", key, Disk(), (r.PatientChosen(patient="P-1"),), start=LAPTOP))
+    here = outline_of(found)
+    assert (here.joints_host, here.steps, here.stops, here.distance_m) == ("exo", None, None, None)
+    page = report(tmp_path / "s1.jsonl", Evidence(keys=by_fingerprint([key.public])), render_recorded)
+    numbers = page.split('<section class="numbers">')[1].split("<h2>")[0]
+    assert numbers.count("<b>–</b>") == 6
+    assert "The legs of s1 were those of the computer exo" in numbers
+    with_control = [*found, msgspec.structs.replace(found[-1], process="control")]
+    assert (outline_of(with_control).joints_host, outline_of(with_control).steps) == ("", 0)
+    drawn = earlier([here, outline_of(with_control)], lambda name, **_: name)
+    assert (drawn.count(">–</text>"), drawn.count(">0</text>")) == (3, 2)
+
+
+def test_an_unreadable_session_is_left_out_of_the_earlier_ones(tmp_path: Path) -> None:
+    unreadable, *_ = (write_sample(tmp_path, minutes=1, seed=seed) for seed in (1, 2, 3))
+    last = session_paths(unreadable.parent)[-1]
+    before = report(last, Evidence(), render_recorded).count('class="bar')
+    unreadable.unlink()
+    unreadable.symlink_to("/proc/self/mem")  # a regular file that can't be read, by root either
+    assert report(last, Evidence(), render_recorded).count('class="bar') == before - 3
 
 
 @pytest.mark.parametrize("whole_line", [False, True])

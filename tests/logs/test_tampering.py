@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -219,6 +220,24 @@ def test_a_missing_manifest_is_caught(trail: Trail) -> None:
     assert [bad.file.name for bad in the_bad(trail)] == ["manifest.jsonl"]
     trail.session.unlink()
     assert [bad.file.name for bad in the_bad(trail)] == ["manifest.jsonl"]
+
+
+@pytest.mark.parametrize("make", [Path.mkdir, os.mkfifo, lambda path: path.symlink_to(path)])
+def test_an_unreadable_manifest_is_named_and_each_session_judged_by_itself(
+    three: Trail, make: Callable[[Path], None]
+) -> None:
+    (three.folder / "s2.jsonl").write_bytes(b"".join(lines_of(three.folder / "s2.jsonl")[:-1]))
+    three.manifest.unlink()
+    make(three.manifest)
+    found = assess(three)
+    assert [(finding.file.name, finding.status) for finding in found][:4] == [
+        ("manifest.jsonl", Status.UNREADABLE),
+        ("s1.jsonl", Status.SOUND),
+        ("s2.jsonl", Status.INCOMPLETE),
+        ("s3.jsonl", Status.SOUND),
+    ]
+    assert {finding.file for finding in found[4:]} <= {three.manifest}  # a link in a circle is missing as well
+    assert Remark.MANIFEST_UNREADABLE in codes(found[1])
 
 
 def test_a_file_slipped_in_is_caught(three: Trail, tmp_path: Path, key: ConsoleKey) -> None:

@@ -15,6 +15,7 @@ from logs.records import Body, Command, EventRaised, Note, SessionStart, Stop, T
 from logs.writer import SessionWriter
 
 START = SessionStart(versions={"rleex": "0"}, configuration={}, simulated=True)
+LAPTOP = SessionStart(versions={}, configuration={"joints": {"host": "exo"}}, simulated=True)  # of two computers
 BODIES: tuple[Body, ...] = (
     Command(number=1, action="step", source="gesture", state="standing", gesture="1"),
     Transition(from_state="standing", to_state="right leg forward", action="step", number=1),
@@ -125,10 +126,18 @@ class Trail:
         return self.folder / "manifest.jsonl"
 
 
-def write_session(folder: Path, name: str, key: ConsoleKey, disk: Disk, bodies: tuple[Body, ...] = BODIES) -> Path:
+def write_session(
+    folder: Path,
+    name: str,
+    key: ConsoleKey,
+    disk: Disk,
+    bodies: tuple[Body, ...] = BODIES,
+    *,
+    start: SessionStart = START,
+) -> Path:
     """A session from its first record to its signed end."""
     writer = SessionWriter(folder, name, key, disk, CheckpointCopy(""))
-    writer.begin(START, moment(0))
+    writer.begin(start, moment(0))
     for tick, body in enumerate(bodies, start=1):
         writer.take(moment(tick).entry(body))
         writer.settle_when_due(moment(tick).monotonic_ns)

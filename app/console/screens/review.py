@@ -148,6 +148,9 @@ class ReviewScreen(ConsoleScreen):
             text = verdict(self._finding, render_recorded)
             for why in self._hidden:
                 text.append(f"\n {sanitize_terminal(text_of(why, render_recorded))}", "bold red")
+            if self.session is not None and (host := self.session.joints_host):
+                elsewhere = tr("outcomes.other_computer", session=self.session.path.stem, host=host)
+                text.append(f"\n {sanitize_terminal(elsewhere)}")
             self.query_one("#verdict", Static).update(text)
 
     def _evidence(self) -> Evidence:

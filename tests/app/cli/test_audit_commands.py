@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import threading
 from pathlib import Path
 
 import pytest
+from rich.console import Console
 from typer.testing import CliRunner
 
 from app.cli import cli, main, tree
@@ -18,10 +20,11 @@ from logs.errors import AuditError, AuditFault
 from logs.findings import Status
 from logs.journal import CHANGES, append_signed
 from logs.keys import load_or_make_key, load_public_key
+from logs.line import wall_text
 from logs.mirror import SUFFIX, CheckpointCopy, MirrorFault
 from logs.read import follow, read
 from logs.reason import key_of
-from logs.records import Note, Record
+from logs.records import Note, PatientChosen, Record
 from logs.scan import Break
 from logs.writer import SessionWriter
 from tests.support.audit_trails import START, moment, write_session
@@ -99,6 +102,54 @@ def test_sessions_are_listed_and_shown(home: Path) -> None:
     said = audit("show", "--home", str(home), "--kind", "stop")[1]
     assert said.count("\n") == 1
     assert "STOP in standing" in said
+
+
+def test_an_unreadable_session_is_named_and_the_others_are_listed_and_shown(home: Path) -> None:
+    write_session(home / "logs", "s3", load_or_make_key(home / "keys"), Disk())
+    unreadable = home / "logs" / "s2.jsonl"
+    unreadable.symlink_to("/proc/self/mem")  # a regular file that can't be read, by root either
+    for arguments in (("list",), ("show", "--all")):
+        result = CliRunner().invoke(cli, ["audit", *arguments, "--home", str(home)])
+        assert (result.exit_code, result.stderr.count("\n")) == (0, 1)
+        assert str(unreadable) in result.stderr
+        assert "s1" in result.stdout
+        assert "s3" in result.stdout
+
+
+def test_a_list_on_a_narrow_terminal_has_the_whole_start(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    key = load_or_make_key(home / "keys")
+    write_session(home / "logs", "20260921T141320Z-abcd", key, Disk(), (PatientChosen(patient="P-2026-017"),))
+    monkeypatch.setattr("app.cli.audit.wide_console", lambda: Console(width=80))
+    assert next(read(home / "logs" / "s1.jsonl")).wall[:16].replace("T", " ") in audit("list", "--home", str(home))[1]
+
+
+def test_records_of_several_sessions_and_days_stand_under_their_names_and_days(home: Path) -> None:
+    writer = SessionWriter(home / "logs", "s2", load_or_make_key(home / "keys"), Disk(), CheckpointCopy(""))
+    writer.begin(START, moment(0))
+    writer.take(moment(24 * 3600 * 100).entry(Note(text="after midnight")))
+    writer.end("test", moment(24 * 3600 * 100))
+    assert writer.finish(moment(24 * 3600 * 100))
+    writer.close()
+    days = [wall_text(moment(tick).wall_ns)[:10] for tick in (0, 24 * 3600 * 100)]
+    said = audit("show", "--all", "--home", str(home))[1].splitlines()
+    titles = [line for line in said if line.startswith(("s1", "s2", "20"))]
+    assert titles == [f"s1  {days[0]}", f"s2  {days[0]}", days[1]]
+    assert "after midnight" in said[said.index(days[1]) + 1]
+    assert [line for line in audit("show", "s2", "--home", str(home))[1].splitlines() if line in days] == days[1:]
+    assert audit("show", "--all", "--json", "--home", str(home))[1].count("\n") == len(said) - len(titles)
+
+
+def test_a_disk_that_refuses_a_report_leaves_the_former_one(home: Path) -> None:
+    page = home / "report.html"
+    page.write_text("former")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+    try:
+        assert "can't be written" in audit("report", "--home", str(home), "-o", str(page))[1]
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    assert page.read_text() == "former"
+    assert [path.name for path in home.iterdir() if "partial" in path.name] == []
 
 
 def test_what_holds_no_record_has_neither_decisions_nor_a_report(home: Path) -> None:

@@ -23,16 +23,19 @@ from app.system.config import Config
 from app.system.paths import Home
 from app.text.catalogue import render
 from logs.comments import comments_path
+from logs.disk import Disk
 from logs.errors import AuditError, AuditFault
-from logs.keys import by_fingerprint, known_keys
+from logs.keys import by_fingerprint, known_keys, load_or_make_key
 from logs.read import NOT_A_RECORD, outline, records, session_paths
 from logs.reason import reason
-from logs.records import Comment, EventRaised, Note, Record
+from logs.records import Body, Button, Comment, EventRaised, GestureOnset, Note, Press, ProcessStart, Record
 from logs.verify import Evidence, exit_status, verify
 from testing.authors import signed_in
 from testing.fake_host import screen_text
 from testing.trails import write_sample
 from tests.app.console.conftest import wait_until
+from tests.support.audit_trails import LAPTOP, write_session
+from tests.support.live_session import written
 
 
 @pytest.fixture
@@ -67,6 +70,25 @@ def test_the_bands_agree_with_the_records(session: ReviewedSession) -> None:
             assert before.begin_s <= before.end_s <= after.begin_s
     states = [span.label for span in session.lanes.state]
     assert {"standing", "sitting"} <= set(states)
+
+
+@pytest.mark.parametrize(
+    "begins", [ProcessStart(pid=2), Button(mode="robust", x_px=1, y_px=1, radius_px=1, threshold_m=0.2)]
+)
+def test_a_press_that_a_killed_perception_left_ends_where_the_next_begins(tmp_path: Path, begins: Body) -> None:
+    bodies: list[tuple[str, Body]] = [
+        ("perception", GestureOnset(gesture="5", confidence=1.0)),
+        ("perception", Press(gesture="5")),
+        ("control", ProcessStart(pid=1)),
+        ("perception", begins),
+        ("perception", Note(text="later")),
+    ]
+    written(tmp_path, [(process, (number + 1) * 1_000_000_000, body) for number, (process, body) in enumerate(bodies)])
+    lanes = open_session(tmp_path / "logs" / "s.jsonl").lanes
+    for lane, begin_s in ((lanes.gesture, 1.0), (lanes.press, 2.0)):
+        (span,) = lane
+        assert span.label == "5"
+        assert (span.begin_s, span.end_s) == pytest.approx((begin_s, 4.0))
 
 
 def test_every_moment_is_reported_by_the_records_before_it(session: ReviewedSession) -> None:
@@ -179,6 +201,16 @@ async def test_a_changed_record_is_reported_on_top(home: Home) -> None:
     async with app.run_test(size=(100, 30)) as pilot:
         await opened(app, pilot, ReviewScreen(home, "last"))
         await wait_until(pilot, lambda: "TAMPERED" in screen_text(app))
+
+
+async def test_the_trail_of_the_laptop_says_where_controls_records_are(tmp_path: Path) -> None:
+    home = Home(tmp_path)
+    home.logs.mkdir()
+    write_session(home.logs, "20260921T141320Z-abcd", load_or_make_key(home.keys), Disk(), start=LAPTOP)
+    app = ConsoleApp(home, Config())
+    async with app.run_test(size=(100, 30)) as pilot:
+        await opened(app, pilot, ReviewScreen(home, "last"))
+        await wait_until(pilot, lambda: "of the computer exo" in screen_text(app))
 
 
 async def test_forged_comments_are_not_shown_and_that_is_told(home: Home) -> None:
