@@ -16,12 +16,15 @@ from app.cli import main
 from app.cli.common import CliFault
 from app.cli.tree import tree
 from app.evaluate.harness import EvaluateFault, kept_lines
+from app.recording.schemas import TOPICS
+from app.recording.writer import RecordingWriter
 from app.system.errors import AppError
 from app.system.paths import LockFault
 from app.text.catalogue import render
 from logs import query
 from logs.errors import AuditError, AuditFault
 from logs.query import ask, connect_locked
+from testing.trails import write_sample
 from tests.support.bad_input import NODES, in_time
 
 ROOT = Path(__file__).parents[1]
@@ -179,12 +182,19 @@ def test_a_number_that_is_none_is_refused(path: tuple[str, ...], name: str, valu
         (("simulate", "fly"), "dropout"),
         (("audit", "show", "--since", "yesterday"), "--since yesterday"),
         (("audit", "show", "--until", "2026-11-21 09:30"), "--until 2026-11-21 09:30"),
+        (("audit", "show", "--since", "2026-13-01"), "--since 2026-13-01"),
+        (("audit", "show", "--until", "2026-02-29T10"), "--until 2026-02-29T10"),
         (("audit", "verify", "--copies", "no"), "no: No such file or directory"),
         (("configure", "language=xx"), "en, zh"),
         (("emulate-drives", "--fault", "silent@-1"), "silent@-1"),
         (("emulate-drives", "--fault", "silent@nan"), "silent@nan"),
         (("emulate-drives", "--fault", "late=inf"), "late=inf"),
         (("export", "x", "--to", "csv", "--output", "/proc/out"), "/proc/out can't be written"),
+        (("evaluate", "outcomes", "--json", "/proc/self/comm"), "/proc/self/comm can't be written"),
+        (("evaluate", "gestures", ".", "--png", "m.xyz"), "m.xyz is no figure's name"),
+        (("evaluate", "trigger", "--plot", "m.xyz"), "m.xyz is no figure's name"),
+        (("camera", "compare", "a", "b", "--plot", "m.xyz"), "m.xyz is no figure's name"),
+        (("simulate", "walk", "--plot", "m.xyz"), "m.xyz is no figure's name"),
         (("evaluate", "idle", "--progress", "file"), "file can't be read (JSON is malformed"),
         (("evaluate", "gestures", "--digital", "1", "--cross-validate"), "--cross-validate"),
         (("evaluate", "gestures", "--digital", "1", "--errors", "wrong"), "--errors"),
@@ -337,6 +347,26 @@ def test_the_list_of_patients_prints_no_markup_and_no_escapes(
     assert not caught.value.code
     printed = capsys.readouterr().out
     assert "[red]note[/x]" in printed
+    assert "\x1b[2J" not in printed
+
+
+NAMED = "[red]a\x1b[2J"
+
+
+@pytest.mark.parametrize("arguments", [("outcomes", "last"), ("recording", "info", NAMED + ".mcap")], ids=" ".join)
+def test_tables_of_what_is_recorded_print_no_markup_and_no_escapes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_sample(tmp_path, minutes=0.1, patient=NAMED)
+    RecordingWriter(Path(NAMED + ".mcap"), TOPICS, 0).finish()
+    monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setattr(sys, "argv", ["rleex", *arguments, *(("--home", ".") if "outcomes" in arguments else ())])
+    with pytest.raises(SystemExit) as caught:
+        main()
+    assert not caught.value.code
+    printed = capsys.readouterr().out
+    assert "[red]a" in printed
     assert "\x1b[2J" not in printed
 
 

@@ -14,7 +14,7 @@ from rich.progress import Progress
 from rich.table import Table
 from rich.text import Text
 
-from app.cli.common import HomeOption, check_finite, check_output
+from app.cli.common import HomeOption, check_figure, check_finite, check_output
 from app.cli.compare_cameras import compare_cameras, write_csv, write_plot
 from app.cli.permission import sign_in
 from app.perception.look import kind_of
@@ -30,7 +30,7 @@ from hal.cameras.intrinsics import calibrate as solve
 from hal.cameras.playback import image_files, read_image
 from hal.errors import CameraFault, HardwareError, RecordingFault
 from logs.reading.regular import path_named
-from logs.reason import key_of
+from logs.reason import key_of, sanitize_terminal
 from profiles.store import ProfileStore
 
 if TYPE_CHECKING:
@@ -51,9 +51,9 @@ def list_cameras(home: HomeOption = None) -> None:
     table = Table(*(tr(f"camera.{column}") for column in ("kind", "device", "name")), box=None)
     table.add_row("digital-hand", "", tr("camera.digital_hand"))
     for entry in list_webcams():
-        table.add_row("webcam", str(entry.index), entry.name)
+        table.add_row("webcam", str(entry.index), Text(sanitize_terminal(entry.name)))
     for kind, device, name in _realsense_rows():
-        table.add_row(kind, device, name)
+        table.add_row(kind, device, Text(sanitize_terminal(name)))
     console = Console(soft_wrap=True)
     console.print(table)
     console.print(tr("camera.choose", path=find_home(home).config), markup=False)
@@ -83,7 +83,7 @@ def show(
         }
         table = Table.grid(padding=(0, 2))
         for key, value in rows.items():
-            table.add_row(tr(f"camera.{key}"), Text(value))
+            table.add_row(tr(f"camera.{key}"), Text(sanitize_terminal(value)))
         Console(soft_wrap=True, highlight=False).print(table)
     finally:
         camera.close()
@@ -102,7 +102,7 @@ def compare(
     ] = None,
     patient: Annotated[str, typer.Option(help="Whose palm and press threshold.")] = "demo",
     csv: Annotated[Path | None, typer.Option(callback=check_output, help="Write the table here.")] = None,
-    plot: Annotated[Path | None, typer.Option(callback=check_output, help="Write a plot of it (PNG) here.")] = None,
+    plot: Annotated[Path | None, typer.Option(callback=check_figure, help="Write a plot of it (PNG) here.")] = None,
     home: HomeOption = None,
 ) -> None:
     """Compare two cameras before one hand; a number and Enter is the ruler's cm from then on, Ctrl-C ends."""

@@ -14,6 +14,7 @@ import typer
 from rich.console import Console
 from rich.live import Live
 from rich.table import Table
+from rich.text import Text
 
 from app.cli.common import HomeOption, check_finite, check_output
 from app.cli.drive_table import decoded_line, monitor_table, summary_table
@@ -32,6 +33,7 @@ from hal.joints.can.scan import BusMonitor, listen
 from hal.joints.can.scan import scan as scan_bus
 from hal.joints.device import DEFAULT_DEVICE, JOINT_NAMES, Exoskeleton, Joint, load_exoskeleton
 from logs.disk import FLOOR_BYTES
+from logs.reason import sanitize_terminal
 
 cli = typer.Typer(no_args_is_help=True)
 
@@ -177,13 +179,14 @@ def record(
     recorder = BusRecorder(_device(device, interface, channel), file, floor_bytes=FLOOR_BYTES)
     end_s = time.monotonic() + seconds if seconds else float("inf")
     try:
-        with console.status(tr("can.recording", path=file)):
+        with console.status(Text(sanitize_terminal(tr("can.recording", path=file)))):
             recorder.run(lambda: time.monotonic() >= end_s)
     except KeyboardInterrupt:
         pass
     finally:
         recorder.close()
-    console.print(tr("can.recorded", frames=recorder.frames, path=file), soft_wrap=True)
+    line = tr("can.recorded", frames=recorder.frames, path=file)
+    console.print(sanitize_terminal(line), soft_wrap=True, markup=False)
 
 
 @cli.command()

@@ -49,6 +49,7 @@ class CliFault(Enum):
     NO_QUESTION = auto()  # ready
     NOT_KEPT = auto()  # doubt
     OUTPUT_UNWRITABLE = auto()  # path, detail
+    FIGURE_FORMAT = auto()  # path, known
     NOT_FINITE = auto()  # option, value
     NO_MOMENT = auto()  # option, value
     OPTION_UNUSED = auto()  # option, command
@@ -87,7 +88,7 @@ def print_answer(answer: Any, *, json: bool) -> None:
 def check_output(path: Path | None) -> Path | None:
     """An option's callback: refuse a file that can't be written before the work begins. Raises AppError.
 
-    Nothing stays: the folder is tried with a nameless file.
+    Nothing stays: the folder is tried with a nameless file, for one that is there too: it is replaced by a whole one.
     """
     if path is None:
         return None
@@ -96,12 +97,22 @@ def check_output(path: Path | None) -> Path | None:
         if path.exists():
             if not path.is_file():
                 raise InputError(InputFault.NOT_REGULAR)
-            with path.open("r+b"):
-                return path
-        with tempfile.TemporaryFile(dir=path.parent):
+            path.open("r+b").close()
+        with tempfile.TemporaryFile(dir=Path(os.path.realpath(path)).parent):
             return path
     except (OSError, ValueError) as error:
         raise AppError(CliFault.OUTPUT_UNWRITABLE, path=path, detail=cause_of(error)) from error
+
+
+def check_figure(path: Path | None) -> Path | None:
+    """The same for a figure, whose name's ending is its format."""
+    if check_output(path) is not None and path is not None and path.suffix:
+        from matplotlib.backend_bases import FigureCanvasBase
+
+        known = FigureCanvasBase.get_supported_filetypes()
+        if path.suffix[1:].lower() not in known:
+            raise AppError(CliFault.FIGURE_FORMAT, path=path, known=", ".join(sorted(known)))
+    return path
 
 
 def check_output_folder(path: Path | None) -> Path | None:
@@ -157,7 +168,10 @@ def wide_console() -> Console:
 
 @contextmanager
 def spinner(console: Console, total: int) -> Iterator[Callable[[str], None]]:
-    """A bar that advances with every message given to the yielded function (the first opens it)."""
+    """A bar that advances with every message given to the yielded function (the first opens it), on a terminal."""
+    if not console.is_interactive:  # Rich would end it with a line, which a stdout that is full or closed refuses
+        yield lambda _: None
+        return
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     columns = (BarColumn(), TextColumn("{task.completed:.0f}/{task.total:.0f} {task.description}"), TimeElapsedColumn())
@@ -169,7 +183,10 @@ def spinner(console: Console, total: int) -> Iterator[Callable[[str], None]]:
 
 @contextmanager
 def bar(console: Console, what: str, total: int) -> Iterator[Callable[..., None]]:
-    """A bar for `total` things of a kind; the yielded function advances it by one, or by the number given."""
+    """A bar for `total` things of a kind, on a terminal; the yielded function advances it by one, or by so many."""
+    if not console.is_interactive:
+        yield lambda *_: None
+        return
     from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
     counted = TextColumn("{task.completed:.0f}/{task.total:.0f}")

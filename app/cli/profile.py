@@ -23,7 +23,7 @@ from app.system.paths import find_home
 from app.text.catalogue import knows, render, tr
 from logs.reason import sanitize_terminal
 from profiles.files import edit, encode, parse_assignments
-from profiles.palm import explain_estimate, palm_estimate, reference_segment, with_calibration
+from profiles.palm import calibrated_camera, explain_estimate, palm_estimate, reference_segment, with_calibration
 from profiles.schema import Profile, Sex
 from profiles.store import ChangeCause, ProfileStore
 
@@ -54,14 +54,13 @@ def list_patients(
     columns = ("patient", "sex", "stature", "mass", "hand", "palm", "note")
     table = Table(*(tr(f"cli.profile.{column}") for column in columns))
     for one in listing.profiles:
-        palm = reference_segment(one)
         table.add_row(
             tr("cli.profile.archived_name", patient=one.identifier) if one.archived else one.identifier,
             tr(one.sex),
             f"{one.stature_m * 100:.0f} cm",
             f"{one.mass_kg:.0f} kg",
             tr(one.hand),
-            f"{palm.length_m * 100:.1f} ± {palm.sd_m * 100:.1f} cm, {palm.source.value}",
+            _palm_text(one),
             Text(sanitize_terminal(one.note.splitlines()[0][:40] if one.note else "")),
         )
     console = Console()
@@ -152,7 +151,8 @@ def calibrate(
     known = with_calibration(store.load(patient), made.calibration)  # others may have changed it meanwhile
     store.save(known, by=by, at=datetime.now(UTC), why=ChangeCause.CALIBRATED.key)
     kept = {"camera": camera.name, "palm": reference_segment(known, camera=camera.name).explain()}
-    console.print(tr("cli.profile.kept", scatter=made.calibration.residual, **kept), highlight=False)
+    line = tr("cli.profile.kept", scatter=made.calibration.residual, **kept)
+    console.print(sanitize_terminal(line), highlight=False, markup=False)
     console.print(render(made.doubt) if made.doubt else tr("cli.profile.plausible"))
 
 
@@ -212,6 +212,13 @@ def history(patient: Patient, home: HomeOption = None) -> None:
         typer.echo(sanitize_terminal(f"{change.at} {change.by or tr('history.nobody')}{': ' + why if why else ''}"))
         for field, (before, after) in change.changes.items():
             typer.echo(sanitize_terminal(f"    {field}: {_shown(before)} → {_shown(after)}"))
+
+
+def _palm_text(profile: Profile) -> Text:
+    camera = calibrated_camera(profile)
+    palm = reference_segment(profile, camera=camera)
+    source = f"{tr(palm.source)}, {camera}" if camera else tr(palm.source)
+    return Text(sanitize_terminal(f"{palm.length_m * 100:.1f} ± {palm.sd_m * 100:.1f} cm, {source}"))
 
 
 def _shown(value: object) -> str:

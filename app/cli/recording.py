@@ -33,6 +33,7 @@ def info(
     from msgspec import json as text
 
     from app.recording.encryption import key_of
+    from app.system.files import write_whole
 
     path = _found(file, home)
     found, proof, recorded, sent = _surveyed(path)
@@ -54,7 +55,7 @@ def info(
             "hash": proof.name.lower(),
             "key": key,
         }
-        json.write_bytes(text.format(text.encode(values), indent=1) + b"\n")
+        write_whole(json, text.format(text.encode(values), indent=1) + b"\n")
 
 
 @cli.command()
@@ -79,7 +80,8 @@ def delete_pictures(file: FileArgument, home: HomeOption = None) -> None:
 
     by = sign_in(home, Permission.EDIT_PATIENTS)
     recording = _found(file, home)
-    _delete(pictures_path(recording.parent, session_of(recording)), by)
+    if not _delete(pictures_path(recording.parent, session_of(recording)), by):
+        raise typer.Exit(1)
 
 
 @cli.command()
@@ -95,19 +97,24 @@ def expire(home: HomeOption = None) -> None:
     keep_days = load_config(where.config).recording.keep_days
     if keep_days is None:
         raise AppError(RecordingReadFault.KEPT_FOR_EVER)
-    found = expired(where.logs, keep_days, datetime.now(UTC))
-    for path in found:
-        _delete(path, by)
-    print_text("recording.expired", files=len(found), days=keep_days)
+    deleted = [path for path in expired(where.logs, keep_days, datetime.now(UTC)) if _delete(path, by)]
+    print_text("recording.expired", files=len(deleted), days=keep_days)
 
 
-def _delete(path: Path, by: Authority) -> None:
-    """A file of a recording, on record; first the record, so that no file goes without one."""
+def _delete(path: Path, by: Authority) -> bool:
+    """A file of a recording, on record; first the record, so that no file goes without one.
+
+    False: a running session writes it, would go on into a file without a name, and put its hash into the trail.
+    """
     from app.recording.read import RecordingReadFault
     from app.system.authority import Subject
+    from logs.disk import is_being_written
     from logs.reading.errors import cause_of
 
     try:
+        if is_being_written(path):
+            print_text("recording.running", path=path)
+            return False
         size_bytes = path.stat().st_size
         by.change(Permission.EDIT_PATIENTS, Subject.RECORDING, path.name, {"size_bytes": (size_bytes, None)})
         path.unlink()
@@ -116,6 +123,7 @@ def _delete(path: Path, by: Authority) -> None:
     except OSError as error:
         raise AppError(RecordingReadFault.UNDELETABLE, path=path, detail=cause_of(error)) from error
     print_text("recording.deleted", path=path)
+    return True
 
 
 @cli.command()
@@ -142,15 +150,19 @@ def _surveyed(path: Path) -> tuple[Recording, HashCheck, RecordingFile | None, S
 
 def _table(found: Recording, recorded: RecordingFile | None, sent: SentCheck) -> object:
     from rich.table import Table
+    from rich.text import Text
 
-    table = Table(title=found.path.name)
+    from logs.reason import sanitize_terminal
+
+    table = Table(title=Text(sanitize_terminal(found.path.name), "table.title"))
     for heading in ("topic", "schema", "messages", "rate", "sent", "lost"):
         table.add_column(tr(f"recording.{heading}"), justify="left" if heading in {"topic", "schema"} else "right")
     lost = (recorded.lost if recorded is not None else None) or found.lost
     for topic, schema in found.schemas.items():
         count = found.counts[topic]
         rate = f"{count / found.duration_s:.1f} Hz" if found.duration_s else "–"
-        table.add_row(topic, schema, str(count), rate, str(sent.made.get(topic, "–")), str(lost.get(topic, 0)))
+        texts = (Text(sanitize_terminal(text)) for text in (topic, schema))
+        table.add_row(*texts, str(count), rate, str(sent.made.get(topic, "–")), str(lost.get(topic, 0)))
     return table
 
 

@@ -25,6 +25,7 @@ from app.cli.common import (
     wide_console,
 )
 from app.system.config import CameraKind, JointsKind, load_config, with_choices
+from app.system.files import write_whole
 from app.system.paths import Home, find_home, hold_home
 from profiles.schema import DistanceUsed
 
@@ -178,11 +179,11 @@ def demo(
                 patient=wearer,
                 other=other,
             )
+    if json_file is not None:
+        write_whole(json_file, f"{json.dumps(result.as_json(ALL_TWELVE), indent=1)}\n".encode())
     print_result(console, result, ALL_TWELVE)
     if record:
         _print_recorded(place.logs, result.session)
-    if json_file is not None:
-        json_file.write_text(json.dumps(result.as_json(ALL_TWELVE), indent=1) + "\n", encoding="utf-8")
     raise typer.Exit(0 if result.passed(ALL_TWELVE) else 1)
 
 

@@ -202,12 +202,15 @@ def outcomes(
 
     from app.outcomes.history import outcomes_of, outcomes_of_patient
     from app.outcomes.table import outcomes_table, remarks, sources
+    from app.system.files import write_whole
 
     where = find_home(home)
     if patient and not sessions:
         found, refused = outcomes_of_patient(where, patient)
     else:
         found, refused = outcomes_of(where.logs, sessions or ["last"], patient), []
+    if json is not None:
+        write_whole(json, text.format(text.encode(found), indent=1) + b"\n")
     wide_console().print(outcomes_table(found))
     for code, values in remarks(found):
         print_text(code, **values)
@@ -215,5 +218,3 @@ def outcomes(
         typer.echo(render(error))
     for line in sources():
         typer.echo(line)
-    if json is not None:
-        json.write_bytes(text.format(text.encode(found), indent=1) + b"\n")

@@ -15,7 +15,7 @@ import typer
 from rich.console import Console
 from rich.live import Live
 
-from app.cli.common import HomeOption, Json, bar, check_finite, check_output, refuse_options, wide_console
+from app.cli.common import HomeOption, Json, bar, check_figure, check_finite, check_output, refuse_options, wide_console
 from app.cli.permission import sign_in
 from app.ipc.states import Action
 from app.system.config import load_config, load_device
@@ -45,7 +45,7 @@ def simulate(
     profile: Annotated[str, typer.Option("--profile", "-p", help="Patient: identifier or path of a TOML.")] = "demo",
     gait: Annotated[Path | None, typer.Option(help="Folder of normative gait curves, for `walk`.")] = None,
     plot_file: Annotated[
-        Path | None, typer.Option("--plot", callback=check_output, help="Write angles, torques and paths as PNG.")
+        Path | None, typer.Option("--plot", callback=check_figure, help="Write angles, torques and paths as PNG.")
     ] = None,
     video: Annotated[Path | None, typer.Option(callback=check_output, help="Write a stick-figure film, MP4.")] = None,
     json_file: Json = None,
@@ -75,8 +75,8 @@ def simulate(
         wearer = profile_named(place, profile)
         wanted = _Wanted(norm=norm, plot_file=plot_file, video=video, preflight=place if preflight else None)
         rows = [(wearer, verdict) for verdict in _rehearsed(console, wearer, device, action, wanted)]
-    console.print(verdict_table(rows))
     write_json([{"patient": who.identifier, **msgspec.to_builtins(verdict)} for who, verdict in rows], json_file)
+    console.print(verdict_table(rows))
     if not all(verdict.passed for _, verdict in rows):
         raise typer.Exit(1)
 
@@ -125,10 +125,10 @@ def _drop_out(
 
     with bar(console, wearer.identifier, len(Action) * len(MISSING_MS)) as step:
         found = all_dropouts(patient_of(wearer, device), device, step)
-    console.print(dropout_table(found))
     write_json([msgspec.to_builtins(one) for one in found], json_file)
     if plot_file is not None:
         plot_dropouts(found, plot_file)
+    console.print(dropout_table(found))
     if any(one.guard_refusal is not None for one in found):
         raise typer.Exit(1)
 

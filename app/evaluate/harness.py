@@ -16,14 +16,17 @@ from typing import Any, TypeVar
 import msgspec
 import numpy as np
 from rich.table import Table
+from rich.text import Text
 
 from app.ipc.streams import TRIGGER
+from app.system import files
 from app.system.errors import AppError
 from app.text.catalogue import language, tr, use_language
 from logs.disk import append_line
 from logs.reading.errors import cause_of
 from logs.reading.formats import MAX_JSON_LINES, decode_json_lines
 from logs.reading.regular import read_bytes
+from logs.reason import sanitize_terminal
 
 FRAME_NS = TRIGGER.period_ns  # 30 frames per second: the camera's rate, where a recording names none
 MOST_SEEDS = 1000  # in one range
@@ -47,6 +50,7 @@ class EvaluateFault(Enum):
     ROW_DISTANCE = auto()  # file, line, distance_cm
     ROW_LABEL = auto()  # file, line, label
     ROW_PATH = auto()  # file, line
+    ROW_STOP = auto()  # file, line, stop
     VIDEO_ROW = auto()  # file, line
     VIDEO_START = auto()  # file
     VIDEO_ORDER = auto()  # file, line, frames
@@ -110,14 +114,20 @@ def table(
     The first `left` columns stand to the left, figures to the right.
     """
     made = Table(
-        title=tr(f"evaluate.{title}", **values), caption=tr(f"evaluate.{caption}", **values) if caption else None
+        title=plain(tr(f"evaluate.{title}", **values), "table.title"),
+        caption=plain(tr(f"evaluate.{caption}", **values), "table.caption") if caption else None,
     )
     for number, column in enumerate(columns.split()):
         heading = "" if column == "empty" else tr(f"evaluate.column.{column}")
-        made.add_column(heading, justify="left" if number < left else "right")
+        made.add_column(plain(heading), justify="left" if number < left else "right")
     for row in rows:
-        made.add_row(*map(str, row))
+        made.add_row(*map(plain, row))
     return made
+
+
+def plain(content: object, style: str = "") -> Text:
+    """Shown as it is: paths and what a CSV names may hold brackets, which a table takes for markup."""
+    return Text(sanitize_terminal(str(content)), style)
 
 
 def decimals(value: float | None, form: str) -> str:
@@ -144,14 +154,8 @@ def write_json(content: Mapping[str, Any] | Sequence[Any], path: Path | None) ->
 
 def write_whole(path: Path, content: bytes) -> None:
     """Write the whole file or none: an older one stays where the disk refuses. Raises AppError."""
-    path = path.resolve()
-    partial = path.with_name(f".{path.name}.{os.getpid()}.part")
     with writing(path):
-        try:
-            partial.write_bytes(content)
-            partial.replace(path)
-        finally:
-            partial.unlink(missing_ok=True)
+        files.write_whole(path, content)
 
 
 def kept_lines(path: Path | None, kind: type[Kept]) -> tuple[Kept, ...]:
@@ -173,8 +177,8 @@ def kept_lines(path: Path | None, kind: type[Kept]) -> tuple[Kept, ...]:
 def keep_line(content: Any, path: Path | None) -> None:
     """Add a line, where a file was named. Raises AppError when it can't be written."""
     if path is not None:
-        with writing(path), path.open("ab", buffering=0) as file:
-            append_line(file, msgspec.json.encode(content) + b"\n")
+        with writing(path):
+            append_line(path, msgspec.json.encode(content) + b"\n")
 
 
 @contextmanager

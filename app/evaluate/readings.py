@@ -20,7 +20,7 @@ import numpy as np
 from app.evaluate.harness import FRAME_NS, EvaluateFault
 from app.system.errors import AppError
 from hal.cameras.intrinsics import assumed_focal_px
-from hal.cameras.playback import decode_image
+from hal.cameras.playback import decode_image, frame_period_ns, open_video
 from kgdfa.errors import KgdfaError
 from kgdfa.gesture import GESTURE_NAMED, Gesture
 from kgdfa.hand import Hand
@@ -39,6 +39,7 @@ SPEED_COLUMNS = ("path", "anchor_cm", "fx")
 DISTANCE_COLUMNS = ("path", "distance_cm", "anchor_cm", "fx", "cx", "cy")
 _IMAGE_COLUMNS = ("path", "label", "source", "group")
 _VIDEO_COLUMNS = ("frame", "label")
+UPRIGHT = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH  # IMREAD_UNCHANGED leaves a phone's photos as its sensor lay
 _PALM_WIDTH_M = 0.0825  # between the two populations' means; gestures don't depend on it, only where a press is
 Item = TypeVar("Item")
 GESTURE_NAMES = tuple(gesture.value for gesture in Gesture)
@@ -82,30 +83,36 @@ class LabelledFrame:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Footage:
-    """Frames in order and what each shows; `frames()` reads them anew. Metres, pixels, nanoseconds."""
+    """Frames in order and what each shows; `frames()` reads them anew, None for one that can't be read.
+
+    Metres, pixels, nanoseconds.
+    """
 
     labels: tuple[str, ...]
     focal_px: float
     reference_m: float
     period_ns: int
-    frames: Callable[[], Iterator[Image]]
+    frames: Callable[[], Iterator[Image | None]]
+    paths: tuple[Path, ...] = ()  # of the frames; a video's have none
+    claimed_frames: int | None = None  # by a video's header, which may estimate; of a folder nothing claims any
 
 
 Row = dict[str, str]
 
 
 def read_table(file: Path, columns: Sequence[str], *, exact: bool = True) -> list[tuple[int, Row]]:
-    """Line numbers and rows of a table with these columns. Raises AppError naming the file and the line.
+    """Line numbers, the last of a row that has several, and rows of a table with these columns.
 
-    exact: it has these columns and no others, and every row fills them.
+    Raises AppError naming the file and the line. exact: it has these columns and no others, and every row fills them.
     """
     try:
-        head, *rows = list(csv.reader(io.StringIO(read_text(file), newline=""))) or [[]]
+        reader = csv.reader(io.StringIO(read_text(file), newline=""))
+        head = next(reader, [])
+        numbered = [(reader.line_num, row) for row in reader if row]
     except (OSError, csv.Error) as error:
         raise AppError(EvaluateFault.FILE_UNREADABLE, file=file, detail=cause_of(error)) from error
     if head != [*columns] if exact else not {*columns} <= {*head}:
         raise AppError(EvaluateFault.TABLE_COLUMNS, file=file, columns=",".join(columns))
-    numbered = [(line, row) for line, row in enumerate(rows, start=2) if row]
     for line, row in numbered:
         if len(row) != len(head):
             raise AppError(EvaluateFault.ROW_FIELDS, file=file, line=line, found=len(row), due=len(head))
@@ -132,7 +139,7 @@ def read_labels(directory: Path) -> list[LabelledImage]:
 
 def read_image(labelled: LabelledImage, directory: Path) -> Image | Reason:
     """A listed image, or why it can't be used: an error to be counted, not an exception."""
-    image = decode_image(directory / labelled.path, cv2.IMREAD_UNCHANGED)
+    image = decode_image(directory / labelled.path, UPRIGHT)
     if image is None:
         return reason(EvaluateFault.IMAGE_UNREADABLE, file=labelled.path)
     try:
@@ -199,13 +206,11 @@ def _frame(file: Path, line: int, row: Row, columns: Sequence[str]) -> LabelledF
     )
 
 
-def images_of(frames: Sequence[LabelledFrame]) -> Iterator[Image]:
-    """The images of the frames. Raises AppError naming one that can't be read."""
+def images_of(frames: Sequence[LabelledFrame]) -> Iterator[Image | None]:
+    """The images of the frames, None for one that can't be read."""
     for frame in frames:
         image = decode_image(frame.path, cv2.IMREAD_COLOR)
-        if image is None:
-            raise AppError(EvaluateFault.IMAGE_UNREADABLE, file=frame.path)
-        yield np.asarray(image, np.uint8)
+        yield None if image is None else np.asarray(image, np.uint8)
 
 
 def read_footage(where: Path, labels: Path | None = None) -> Footage:
@@ -221,29 +226,30 @@ def read_footage(where: Path, labels: Path | None = None) -> Footage:
         reference_m=listed[0].reference_m,
         period_ns=FRAME_NS,
         frames=lambda: images_of(listed),
+        paths=tuple(frame.path for frame in listed),
     )
 
 
 def _read_video(where: Path, table: Path) -> Footage:
     video, count = _open(where), 0
-    while video.grab():  # the header may lie
+    while video.grab():  # up to the first that is damaged, whatever the header claims
         count += 1
     if not count:
         raise AppError(EvaluateFault.VIDEO_UNREADABLE, file=where)
     width_px, height_px = video.get(cv2.CAP_PROP_FRAME_WIDTH), video.get(cv2.CAP_PROP_FRAME_HEIGHT)
-    rate_hz = video.get(cv2.CAP_PROP_FPS)
     return Footage(
         labels=_video_labels(table, count),
         focal_px=assumed_focal_px(width_px, height_px),
         reference_m=REFERENCE_OF_PALM * _PALM_WIDTH_M,
-        period_ns=round(1e9 / rate_hz) if rate_hz > 0 else FRAME_NS,
+        period_ns=round(frame_period_ns(video)),
         frames=lambda: _video_frames(where),
+        claimed_frames=max(0, int(video.get(cv2.CAP_PROP_FRAME_COUNT))),
     )
 
 
 def _open(where: Path) -> cv2.VideoCapture:
-    video = cv2.VideoCapture(str(where)) if where.is_file() else None
-    if video is None or not video.isOpened():
+    video = open_video(where)
+    if video is None:
         raise AppError(EvaluateFault.VIDEO_UNREADABLE, file=where)
     return video
 

@@ -19,6 +19,7 @@ from app.outcomes.table import RATINGS, ROWS, TESTS
 from app.recording.deidentify import Deidentified
 from app.recording.samples import ExportFault
 from app.system.errors import AppError
+from app.system.files import write_whole
 from app.system.program import VERSION, program_identity
 from app.text.catalogue import tr
 from hal.joints.device import Joint
@@ -91,7 +92,7 @@ def export_bundle(found: SessionOutcomes, folder: Path, deidentified: Deidentifi
     bundle = Bundle.model_validate(bundle_of(found, deidentified))
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        target.write_text(bundle.model_dump_json(indent=1) + "\n", encoding="utf-8")
+        write_whole(target, f"{bundle.model_dump_json(indent=1)}\n".encode())
     except OSError as error:
         raise AppError(ExportFault.UNWRITABLE, path=target, detail=cause_of(error)) from error
     return target

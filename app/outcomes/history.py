@@ -87,6 +87,8 @@ class _Kept(Struct, frozen=True, kw_only=True):
 def kept_outcomes(folder: Path, trail: Path) -> SessionOutcomes:
     """A session's, kept in a file of this folder if trail and recording are still the same; else measured, and kept.
 
+    What was measured of a recording stays when that is deleted: the trail alone tells less.
+
     Raises AppError, AuditError.
     """
     made_of = tuple(
@@ -96,7 +98,7 @@ def kept_outcomes(folder: Path, trail: Path) -> SessionOutcomes:
     )
     path = folder / f"{trail.stem}.json"
     kept = _read(path)
-    if kept is not None and (kept.definitions, kept.made_of) == (DEFINITIONS, made_of):
+    if kept is not None and (kept.definitions, kept.made_of[: len(made_of)]) == (DEFINITIONS, made_of):
         return kept.outcomes
     found = find_outcomes(trail.parent, str(trail))
     _write(path, _Kept(definitions=DEFINITIONS, made_of=made_of, outcomes=found))

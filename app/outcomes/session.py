@@ -21,7 +21,7 @@ from app.system.paths import RECORDING_SUFFIX, recording_path
 from hal.joints.body import Body
 from hal.joints.protocol import TICK_S
 from logs.errors import AuditError
-from logs.read import duration_s, find_session, read, records, understand
+from logs.read import duration_s, find_session, joints_host, read, records, understand
 from logs.records import (
     ActionEnd,
     Discomfort,
@@ -31,7 +31,6 @@ from logs.records import (
     PatientChosen,
     Rating,
     Record,
-    SessionStart,
 )
 from profiles.schema import DoseTargets, Profile
 
@@ -99,7 +98,7 @@ def of_recording(path: Path) -> SessionOutcomes:
     chosen = _chosen(trail)
     if chosen is None:
         raise AppError(OutcomesFault.NO_PATIENT, path=path)
-    if _joints_host(trail):
+    if joints_host(trail):
         return _of_records(session_of(path), trail, chosen)
     history = history_of(legs, _body(path, chosen))
     if history is None:
@@ -140,7 +139,7 @@ def _of_records(session: str, trail: Sequence[Record], chosen: PatientChosen) ->
 
 def _commanded(trail: Sequence[Record]) -> Measures:
     """Steps and walking time as control commanded them; None where another computer's control did."""
-    if _joints_host(trail):
+    if joints_host(trail):
         return Measures(steps=None, walking_time_s=None)
     ends = [record.body for record in trail if isinstance(record.body, ActionEnd)]
     before = [0, *(end.steps for end in ends)]  # an end holds the steps of the session so far
@@ -172,7 +171,7 @@ def _outcomes(
         source=source,
         measured_s=measured_s,
         measures=measures,
-        joints_host=_joints_host(trail),
+        joints_host=joints_host(trail),
         actions=_actions(trail),
         dose=dose_of(chosen.parameters, measures, duration_s(trail)),
         discomfort=last_rating(trail, Discomfort),
@@ -192,13 +191,6 @@ def _body(path: Path, chosen: PatientChosen) -> Body:
 
 def _chosen(trail: Iterable[Record]) -> PatientChosen | None:
     return next((record.body for record in trail if isinstance(record.body, PatientChosen)), None)
-
-
-def _joints_host(trail: Iterable[Record]) -> str:
-    """The other computer, of a trail of the laptop's; empty: the legs were this computer's."""
-    started = next((record.body for record in trail if isinstance(record.body, SessionStart)), None)
-    joints = started.configuration.get("joints") if started else None
-    return str(joints.get("host", "")) if isinstance(joints, dict) else ""
 
 
 def _records_beside(path: Path) -> list[Record]:

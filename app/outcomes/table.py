@@ -6,6 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from rich.table import Table
+from rich.text import Text
 
 from app.outcomes.change import SMALLEST_CHANGES, SmallestChange
 from app.outcomes.guided import GuidedTest, last_completed
@@ -14,7 +15,7 @@ from app.outcomes.session import COMPLETED, Dose, OutcomeSource, SessionOutcomes
 from app.text.catalogue import tr
 from app.text.recorded import render_recorded, result_text
 from hal.joints.device import Joint
-from logs.reason import Reason
+from logs.reason import Reason, sanitize_terminal
 
 NONE = "–"
 # key of the wording, field, format; units stand in the wording
@@ -57,10 +58,10 @@ def lines_of(found: SessionOutcomes) -> Iterator[tuple[str, str]]:
 
 def outcomes_table(found: Sequence[SessionOutcomes]) -> Table:
     """Sessions side by side, actions below the measures."""
-    table = Table(title=tr("outcomes.title", patient=found[0].patient))
+    table = Table(title=_plain(tr("outcomes.title", patient=found[0].patient), "table.title"))
     table.add_column(tr("outcomes.measure"))
     for one in found:
-        table.add_column(one.began[:16].replace("T", " "), justify="right")
+        table.add_column(_plain(one.began[:16].replace("T", " ")), justify="right")
     table.add_column(tr("outcomes.smallest_change"), justify="right")
     changes = changes_of()
     for line in zip(*(lines_of(one) for one in found), strict=True):
@@ -69,10 +70,15 @@ def outcomes_table(found: Sequence[SessionOutcomes]) -> Table:
     table.add_section()
     for action in dict.fromkeys(action for one in found for action in one.actions):
         table.add_row(
-            render_recorded(Reason("report.action_name", {"action": action})),
+            _plain(render_recorded(Reason("report.action_name", {"action": action}))),
             *(str(one.actions.get(action, 0)) for one in found),
         )
     return table
+
+
+def _plain(recorded: str, style: str = "") -> Text:
+    """Shown as it is: brackets in what a trail holds are no markup."""
+    return Text(sanitize_terminal(recorded), style)
 
 
 def changes_of() -> dict[str, str]:

@@ -23,6 +23,7 @@ from app.playback.session import Playback, ReplayFault, moment_ns
 from app.playback.view import WINDOW_S, Figure, Legs, View, Whole
 from app.system.errors import AppError
 from app.system.files import partial_file
+from hal.cameras.playback import open_video
 from logs import records as r
 from logs.reading.errors import cause_of
 from logs.show import WEIGHT
@@ -119,7 +120,7 @@ def write_film(
     Raises AppError.
     """
     with _writable(target), partial_file(target) as partial:
-        writer = cv2.VideoWriter(str(partial), cv2.VideoWriter.fourcc(*"mp4v"), fps, size_px)
+        writer = cv2.VideoWriter(str(partial.absolute()), cv2.VideoWriter.fourcc(*"mp4v"), fps, size_px)
         if not writer.isOpened():
             raise AppError(FilmFault.NO_FORMAT, path=target)
         try:
@@ -188,8 +189,7 @@ def _check_room(target: Path, free_bytes: int) -> None:
 
 
 def _check_whole(partial: Path, target: Path, frames: int) -> None:
-    reader = cv2.VideoCapture(str(partial))
-    found = int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) if reader.isOpened() else 0
-    reader.release()
+    reader = open_video(partial)
+    found = int(reader.get(cv2.CAP_PROP_FRAME_COUNT)) if reader is not None else 0
     if found != frames:
         raise AppError(FilmFault.NOT_WHOLE, path=target, written=frames, read=found)

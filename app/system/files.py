@@ -17,3 +17,11 @@ def partial_file(target: Path) -> Iterator[Path]:
         yield partial
     finally:
         partial.unlink(missing_ok=True)
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """All of it, or what was there stays; a link's target is replaced, not the link. Raises OSError."""
+    path = path.resolve()
+    with partial_file(path) as partial:
+        partial.write_bytes(content)
+        partial.replace(path)

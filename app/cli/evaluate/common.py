@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.cli.common import bar, check_finite, check_output, wide_console
+from app.cli.common import bar, check_figure, check_finite, check_output, wide_console
 from app.system.config import load_config
 from app.system.hand_model import set_up_model
 from app.system.paths import find_home
 from app.text.catalogue import render, tr
+from logs.reason import sanitize_terminal
 
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     from logs.reason import Reason
 
 
-Plot = Annotated[Path | None, typer.Option("--plot", callback=check_output, help="Write a plot of it (PNG) here.")]
+Plot = Annotated[Path | None, typer.Option("--plot", callback=check_figure, help="Write a plot of it (PNG) here.")]
 Workers = Annotated[int, typer.Option(help="Processes that detect hands at the same time.", min=1, max=64)]
 Focal = Annotated[
     float,
@@ -74,14 +75,25 @@ def status_line() -> Iterator[Callable[[str], None]]:
         yield status.update
 
 
-def show_unreadable(unreadable: Mapping[str, Reason], key: str = "unreadable") -> None:
-    """The images that can't be used, by their paths, and why. key: of the line above them, below `evaluate.`."""
-    if unreadable:
-        show(tr(f"evaluate.{key}", count=len(unreadable)))
-        show(*(f"  {path}: {render(why)}" for path, why in unreadable.items()))
+def unreadable_lines(unreadable: Mapping[str, Reason], key: str = "unreadable", rows: int | None = None) -> list[str]:
+    """The images that can't be used, by their paths, and why. key: of the line above them, below `evaluate.`.
+
+    rows: which that line counts, where a table lists an image more than once.
+    """
+    lines = [f"  {path}: {render(why)}" for path, why in unreadable.items()]
+    return [tr(f"evaluate.{key}", count=rows or len(lines)), *lines] if lines else []
+
+
+@contextmanager
+def shown_after(parts: Iterable[Table | str]) -> Iterator[None]:
+    """Write within, then show: a closed stdout costs no file, and a full disk none of what is shown."""
+    try:
+        yield
+    finally:
+        show(*parts)
 
 
 def show(*parts: Table | str) -> None:
     console = wide_console()
     for part in parts:
-        console.print(part, markup=not isinstance(part, str))
+        console.print(sanitize_terminal(part) if isinstance(part, str) else part, markup=False, emoji=False)

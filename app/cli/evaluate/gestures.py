@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 import typer
 
-from app.cli.common import MAX_SEED, HomeOption, Json, check_output, check_output_folder, refuse_options
+from app.cli.common import MAX_SEED, HomeOption, Json, check_figure, check_output, check_output_folder, refuse_options
 from app.cli.evaluate.common import (
     Directory,
     Keypoints,
@@ -16,8 +16,9 @@ from app.cli.evaluate.common import (
     open_detector,
     progress,
     show,
-    show_unreadable,
+    shown_after,
     status_line,
+    unreadable_lines,
 )
 from app.evaluate.harness import EvaluateFault, percent, require_extra, write_json
 from app.evaluate.readings import UNPREPARED, DetectedImage, LabelledImage, read_footage, read_labels
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from app.evaluate.digital import LabelledScene
     from app.evaluate.gestures.joint_space import Errors
     from app.evaluate.gestures.measures import Classified
+    from kgdfa.pipeline import Report
     from logs.reason import Reason
 
 
@@ -53,7 +55,7 @@ def gestures(
         Path | None, typer.Option(callback=check_output_folder, help="Write the misclassified images here, drawn upon.")
     ] = None,
     png: Annotated[
-        Path | None, typer.Option(callback=check_output, help="Write the confusion matrices here as a PNG.")
+        Path | None, typer.Option(callback=check_figure, help="Write the confusion matrices here as a PNG.")
     ] = None,
     cross_validate: Annotated[
         bool,
@@ -127,25 +129,23 @@ def gestures(
         classified = images.classify_as_shipped(detected, views=views)
     kinds = classified.pop(KINDS_LEFT_OUT, None)
     figures = {name: measure(some) for name, some in classified.items()}
-    for name, one in figures.items():
-        show(*report.shown(name, one, len(detected)))
     corrected = report.corrected_figures(classified)
-    show(*report.corrected_shown(corrected, classified))
     kinds_left_out = measure(kinds) if kinds else None
-    if kinds_left_out is not None:
-        show(*report.kinds_shown(kinds_left_out))
-    show(
-        tr("evaluate.gestures.cross_validated" if cross_validate else "evaluate.gestures.shipped"),
-        tr("evaluate.gestures.one_view" if single_look or digital else "evaluate.gestures.all_views"),
-    )
-    show_unreadable({one.image.path: one.error for one in detected if one.error}, "gestures.unreadable")
+    unreadable = [(one.image.path, one.error) for one in detected if one.error]
+    parts = [part for name, one in figures.items() for part in report.shown(name, one, len(detected))]
+    parts += report.corrected_shown(corrected, classified)
+    parts += report.kinds_shown(kinds_left_out) if kinds_left_out else ()
+    parts.append(tr("evaluate.gestures.cross_validated" if cross_validate else "evaluate.gestures.shipped"))
+    parts.append(tr("evaluate.gestures.one_view" if single_look or digital else "evaluate.gestures.all_views"))
+    parts += unreadable_lines(dict(unreadable), "gestures.unreadable", len(unreadable))
     made = report.as_json(figures, corrected, detected, cross_validated=cross_validate, views=views, prepare=prepare)
-    write_json(made | report.kinds_json(kinds_left_out), json_file)
-    if png is not None:
-        report.plot_confusion(figures, png)
-    if errors is not None and directory is not None:
-        count = report.write_errors(classified["robust"], detected, directory, errors)
-        show(tr("evaluate.gestures.errors", count=count, folder=errors))
+    with shown_after(parts):
+        write_json(made | report.kinds_json(kinds_left_out), json_file)
+        if png is not None:
+            report.plot_confusion(figures, png)
+        if errors is not None and directory is not None:
+            count = report.write_errors(classified["robust"], detected, directory, errors)
+            parts.append(tr("evaluate.gestures.errors", count=count, folder=errors))
 
 
 def _cross_validated(
@@ -182,8 +182,8 @@ def joints(
     with progress("simulating", hands + joint_ranges.STEPS) as step:
         figures = joint_ranges.measure_joint_space(rules, errors, hands, step, seed=seed)
         ranges = joint_ranges.joint_ranges(rules, errors, step)
-    show(joint_ranges.joint_space_table(figures), joint_ranges.joint_range_table(ranges))
-    write_json({"space": msgspec.to_builtins(figures), "ranges": msgspec.to_builtins(ranges)}, json_file)
+    with shown_after([joint_ranges.joint_space_table(figures), joint_ranges.joint_range_table(ranges)]):
+        write_json({"space": msgspec.to_builtins(figures), "ranges": msgspec.to_builtins(ranges)}, json_file)
 
 
 @cli.command()
@@ -204,8 +204,8 @@ def enrolment(
     errors = _errors_of(rendered, 0, home)
     with progress("simulating", people * len(HandLimit)) as step:
         found = patients.measure_enrolment(RobustRules(), errors, people, seed, step)
-    show(patients.enrolment_table(found))
-    write_json([msgspec.to_builtins(one) for one in found], json_file)
+    with shown_after([patients.enrolment_table(found)]):
+        write_json([msgspec.to_builtins(one) for one in found], json_file)
 
 
 def _errors_of(people: int, first: int, home: Path | None) -> Errors:
@@ -243,8 +243,8 @@ def finding(
     show(
         redetection.redetection_table("redetection", measured, total=total, missed=len(missed), empty=len(empty)),
         redetection.redetection_table("redetection.near", measured_near, total=len(near), empty=len(empty)),
+        *unreadable_lines(unreadable),
     )
-    show_unreadable(unreadable)
 
 
 @cli.command()
@@ -258,17 +258,22 @@ def video(
 ) -> None:
     """How steadily both rule sets recognise gestures in labelled footage."""
     from app.evaluate.gestures.measures import measure_sequence, run_sequence, verdict_and_vote
-    from app.evaluate.gestures.report import sequence_table
+    from app.evaluate.gestures.report import sequence_shown
 
     footage, figures = read_footage(where, labels), {}
+    reports: list[Report | None] = []
     rule_sets: tuple[RuleSet, ...] = (PublishedRules(), RobustRules())
     for rules in rule_sets:
         with progress("rules", len(footage.labels), rules=rules.name) as step:
-            pairs = [verdict_and_vote(report) for report in run_sequence(footage, hand_model(home), rules, step)]
+            reports = run_sequence(footage, hand_model(home), rules, step)
+        pairs = [verdict_and_vote(report) for report in reports]
         raw, voted = ([pair[number] for pair in pairs] for number in (0, 1))
         figures[rules.name] = measure_sequence(footage.labels, raw, voted)
-    show(sequence_table(where, figures))
-    write_json({"frames": len(footage.labels), "rules": msgspec.to_builtins(figures)}, json_file)
+    unreadable = [path for path, report in zip(footage.paths, reports, strict=False) if report is None]
+    counts = {"frames": len(footage.labels), "claimed_frames": footage.claimed_frames}
+    with shown_after(sequence_shown(where, figures, unreadable, footage.claimed_frames)):
+        made = {**counts, "unreadable": [*map(str, unreadable)], "rules": msgspec.to_builtins(figures)}
+        write_json(made, json_file)
 
 
 @cli.command()
@@ -295,9 +300,8 @@ def preprocessing(
     with progress("preparing", total) as step, HandDetector(hand_model(home), still=True) as detector:
         measured = ablation.measure_preparations(read, detector, step)
     costs_ms = ablation.preparation_costs()
-    show(ablation.preparation_table(measured, costs_ms))
-    show_unreadable(unreadable)
-    write_json({"worth": measured, "cost_ms": costs_ms, "unreadable": unreadable}, json_file)
+    with shown_after([ablation.preparation_table(measured, costs_ms), *unreadable_lines(unreadable)]):
+        write_json({"worth": measured, "cost_ms": costs_ms, "unreadable": unreadable}, json_file)
 
 
 @cli.command()
@@ -333,9 +337,9 @@ def side(
             figures = sides.measure_digital(detector, digital, step)
     counts = {"frames": figures.frames.total(), "images": figures.images, "without": figures.without}
     summary = tr("evaluate.side.summary", right=percent(figures.right, 2), **counts)
-    show(sides.side_table(figures), sides.sources_table(figures), summary, *sides.arms_summary(figures))
-    show_unreadable(figures.unreadable)
-    write_json({"right": figures.right, **msgspec.to_builtins(figures)}, json_file)
+    lines = [summary, *sides.arms_summary(figures), *unreadable_lines(figures.unreadable)]
+    with shown_after([sides.side_table(figures), sides.sources_table(figures), *lines]):
+        write_json({"right": figures.right, **msgspec.to_builtins(figures)}, json_file)
     if figures.interrupted:
         raise typer.Exit(130)
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import msgspec
 import typer
@@ -15,6 +15,7 @@ from app.cli.evaluate.common import (
     hand_model,
     progress,
     show,
+    shown_after,
     status_line,
 )
 from app.demo.scenario import ALL_TWELVE
@@ -23,6 +24,9 @@ from app.system.config import load_config, load_device
 from app.system.hand_model import set_up_model
 from app.system.paths import find_home, hold_home
 from app.text.catalogue import tr
+
+if TYPE_CHECKING:
+    from rich.table import Table
 
 cli = typer.Typer()
 Onnx = Annotated[
@@ -56,15 +60,21 @@ def speed(
     with progress("timing", len(images) + min(timing.WARM_UP, len(images))) as step:
         figures = timing.measure_speed(images, model, focal_px=focal_px, onnx=onnx or [], step=step)
     height, width = images[0].shape[:2]
-    show(timing.speed_table(figures, width, height), tr("evaluate.speed.summary", **msgspec.to_builtins(figures)))
-    show(timing.detectors_table(figures), *(tr("evaluate.speed.unreadable", file=path) for path in unreadable))
+    parts: list[Table | str] = [
+        timing.speed_table(figures, width, height),
+        tr("evaluate.speed.summary", **msgspec.to_builtins(figures)),
+        timing.detectors_table(figures),
+        *(tr("evaluate.speed.unreadable", file=path) for path in unreadable),
+    ]
     offline = []
-    for count in timing.worker_counts(workers):
-        with status_line() as status:
-            status(tr("evaluate.progress.processes", count=count))
-            offline.append(timing.measure_throughput(directory, frames, model, count))
-        show(tr("evaluate.speed.offline", workers=count, fps=offline[-1].fps))
-    write_json({**msgspec.to_builtins(figures), "offline": msgspec.to_builtins(offline)}, json_file)
+    with shown_after(parts):
+        for count in timing.worker_counts(workers):
+            with status_line() as status:
+                status(tr("evaluate.progress.processes", count=count))
+                offline.append(timing.measure_throughput(directory, frames, model, count))
+            parts.append(tr("evaluate.speed.offline", workers=count, fps=offline[-1].fps))
+        made = {"unreadable": [*map(str, unreadable)], "offline": msgspec.to_builtins(offline)}
+        write_json(msgspec.to_builtins(figures) | made, json_file)
 
 
 @cli.command()
@@ -91,8 +101,8 @@ def response(
         result = evaluate_response(
             place, base, attempts=attempts, seeds=numbers, click_s=click_s, watch=watch, keep=keep
         )
-    show(*shown(result))
-    write_json(result.as_json(), json_file)
+    with shown_after(shown(result)):
+        write_json(result.as_json(), json_file)
     if result.interrupted or result.gave_up:
         raise typer.Exit(130 if result.interrupted else 1)
 
@@ -140,9 +150,8 @@ def outcomes(json_file: Json = None, home: HomeOption = None) -> None:
     device = load_device(load_config(find_home(home).config).joints)
     with progress("walks", len(CASES)) as step:
         found = compare(CASES, device, step)
-    show(errors_table(found))
     worst = max(abs(error) for one in found for error in one.errors.values())
-    show(tr("evaluate.outcomes.worst", worst=worst, limit=LIMIT))
-    write_json([one.as_json() for one in found], json_file)
+    with shown_after([errors_table(found), tr("evaluate.outcomes.worst", worst=worst, limit=LIMIT)]):
+        write_json([one.as_json() for one in found], json_file)
     if not all(one.passed for one in found):
         raise typer.Exit(1)

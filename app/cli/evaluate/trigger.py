@@ -20,6 +20,7 @@ from app.cli.evaluate.common import (
     open_detector,
     progress,
     show,
+    shown_after,
 )
 from app.evaluate.harness import DISTANCES_CM, click_range, seed_numbers, write_json
 from app.evaluate.readings import DISTANCE_COLUMNS, read_frames
@@ -52,10 +53,10 @@ def distance(
 
     with detector_processes(home, workers, steps(hands, walks)) as (pool, step):
         result = evaluate_table_5(pool, hands=hands, walks=walks, focal_px=focal_px, step=step)
-    show(*tables(result))
-    write_json(result.as_json(), json_file)
-    if plot is not None:
-        plot_table_5(result, plot)
+    with shown_after(tables(result)):
+        write_json(result.as_json(), json_file)
+        if plot is not None:
+            plot_table_5(result, plot)
 
 
 def _distance_on_frames(folder: Path, json_file: Path | None, plot: Path | None, home: Path | None) -> None:
@@ -64,10 +65,11 @@ def _distance_on_frames(folder: Path, json_file: Path | None, plot: Path | None,
     frames = read_frames(folder, DISTANCE_COLUMNS)
     with open_detector(home) as detector, progress("detecting", len(frames)) as step:
         result = measure_frames(frames, detector, step)
-    show(frames_table(result), *(tr("evaluate.distance.unreadable", file=path) for path in result.unreadable))
-    write_json(result.as_json(), json_file)
-    if plot is not None:
-        plot_frames(result, plot)
+    unreadable = (tr("evaluate.distance.unreadable", file=path) for path in result.unreadable)
+    with shown_after([frames_table(result), *unreadable]):
+        write_json(result.as_json(), json_file)
+        if plot is not None:
+            plot_frames(result, plot)
 
 
 @cli.command()
@@ -89,10 +91,10 @@ def trigger(
             measured = table6.measure_rates(detector, focal_px=focal_px, step=step)
     with detector_processes(home, workers, table6.steps(changes)) as (pool, step):
         rows = table6.evaluate_trigger(pool, changes=changes, focal_px=focal_px, rates=measured, step=step)
-    show(table6.table_6(rows))
-    write_json({"changes": changes, "focal_px": focal_px, "table_6": [row.as_json() for row in rows]}, json_file)
-    if plot is not None:
-        table6.plot_table_6(rows, plot)
+    with shown_after([table6.table_6(rows)]):
+        write_json({"changes": changes, "focal_px": focal_px, "table_6": [row.as_json() for row in rows]}, json_file)
+        if plot is not None:
+            table6.plot_table_6(rows, plot)
 
 
 @cli.command()
@@ -127,8 +129,8 @@ def idle(
         clips = idling.take_noise(detector, step)
     with progress("simulating", max(0, frames - before.frames)) as step:
         result = idling.evaluate_idle(clips, before, frames=frames, step=step, keep=keep)
-    show(idling.idle_table(result))
-    write_json(msgspec.to_builtins(result), json_file)
+    with shown_after([idling.idle_table(result)]):
+        write_json(msgspec.to_builtins(result), json_file)
     if not result.passed:
         raise typer.Exit(1)
 
@@ -161,10 +163,9 @@ def foreign(
     with detector_processes(home, workers, len(wanted)) as (pool, step):
         result = scenes.evaluate_foreign(pool, wanted, step, keep)
     costs = scenes.measure_costs(hand_model(home))
-    show(scenes.foreign_table(result), scenes.pushes_table(result), scenes.costs_table(costs))
-    write_json({**msgspec.to_builtins(result), "cpu_ms": costs}, json_file)
-    if result.interrupted:
-        show(tr("evaluate.foreign.interrupted"))
+    parts = [scenes.foreign_table(result), scenes.pushes_table(result), scenes.costs_table(costs)]
+    with shown_after([*parts, *([tr("evaluate.foreign.interrupted")] if result.interrupted else [])]):
+        write_json({**msgspec.to_builtins(result), "cpu_ms": costs}, json_file)
     if result.interrupted or result.commands:
         raise typer.Exit(130 if result.interrupted else 1)
 
@@ -182,8 +183,8 @@ def press_zone(
     show(*zone_lines())
     with detector_processes(home, workers, steps(hands)) as (pool, step):
         rows = evaluate_press_zone(pool, hands=hands, step=step)
-    show(zone_table(rows))
-    write_json({"hands": hands, "rows": msgspec.to_builtins(rows)}, json_file)
+    with shown_after([zone_table(rows)]):
+        write_json({"hands": hands, "rows": msgspec.to_builtins(rows)}, json_file)
 
 
 @cli.command()
@@ -222,8 +223,8 @@ def pushes(
     )
     with detector_processes(home, workers, len(wanted)) as (pool, step):
         run = evaluate_pushes(pool, wanted, step)
-    show(*shown(run))
     settings = {"seeds": seeds, "click_s": click, "left_out": left_out, "tremor_cm": tremor_cm, "hand": hand.value}
-    write_json({**settings, **run.as_json()}, json_file)
+    with shown_after(shown(run)):
+        write_json({**settings, **run.as_json()}, json_file)
     if run.interrupted or run.unrequested:
         raise typer.Exit(130 if run.interrupted else 1)

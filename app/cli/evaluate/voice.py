@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from app.cli.common import MAX_SEED, Json, check_output_folder
-from app.cli.evaluate.common import progress, show
+from app.cli.evaluate.common import progress, shown_after
 from app.evaluate.harness import require_extra, write_json
 from app.evaluate.voice.speech import Voices
 from app.text.catalogue import tr
@@ -48,5 +48,6 @@ def voice(
         found, total = iter(listed), len(listed)
     with progress("listening", total) as step:
         results = measure(found, KeywordSpotter(), step)
-    show(*tables(results), *([] if folder else [tr("evaluate.voice.synthetic", voices=voices.value)]))
-    write_json(as_json(results), json_file)
+    lines = [] if folder else [tr("evaluate.voice.synthetic", voices=voices.value)]
+    with shown_after([*tables(results), *lines]):
+        write_json(as_json(results), json_file)

@@ -113,7 +113,8 @@ class FramesResult:
 
     def as_json(self) -> dict[str, Any]:
         """As `--json` writes it."""
-        return {"frames": len(self.true_m), **{name: self.figures(name).as_json() for name in RANGES}}
+        measured = {name: self.figures(name).as_json() for name in RANGES}
+        return {"frames": len(self.true_m), "unreadable": [*map(str, self.unreadable)], **measured}
 
 
 def measure_frames(frames: Sequence[LabelledFrame], detector: HandDetector, step: Step) -> FramesResult:

@@ -169,12 +169,12 @@ class SequenceFigures:
     false_onsets: int  # votes for what neither this stretch nor its neighbours show
 
 
-def run_sequence(footage: Footage, model: Path, rules: RuleSet, step: Step = lambda: None) -> list[Report]:
-    """The whole chain over labelled footage, at its own rate."""
+def run_sequence(footage: Footage, model: Path, rules: RuleSet, step: Step = lambda: None) -> list[Report | None]:
+    """The whole chain over labelled footage, at its own rate; None for a frame that can't be read."""
     from kgdfa.keypoints import live_detector
 
     finder = RobustRange(focal_px=footage.focal_px, reference_m=footage.reference_m)
-    reports = []
+    reports: list[Report | None] = []
     with live_detector(model) as detector:
         pipeline = Pipeline(
             detector=detector,
@@ -185,7 +185,8 @@ def run_sequence(footage: Footage, model: Path, rules: RuleSet, step: Step = lam
             follow=detector.follow,
         )
         for number, image in enumerate(footage.frames(), start=1):
-            reports.append(pipeline.process(PipelineInput(image_bgr=image, captured_ns=number * footage.period_ns)))
+            given = None if image is None else PipelineInput(image_bgr=image, captured_ns=number * footage.period_ns)
+            reports.append(None if given is None else pipeline.process(given))
             step()
     return reports
 
@@ -230,7 +231,9 @@ def _false_onsets(truth: Sequence[str], voted: Sequence[str]) -> int:
     return count
 
 
-def verdict_and_vote(report: Report) -> tuple[str, str]:
-    """A report's single verdict and its voted gesture, by name."""
+def verdict_and_vote(report: Report | None) -> tuple[str, str]:
+    """A report's single verdict and its voted gesture, by name; without a report none."""
+    if report is None:
+        return NONE, NONE
     raw = report.verdict.gesture if report.verdict else None
     return (raw.value if raw else NONE, report.gesture.value if report.gesture else NONE)

@@ -16,8 +16,18 @@ from rich.table import Table
 
 from app.evaluate.gestures.corrections import corrected
 from app.evaluate.gestures.measures import CLASSES, Classified, Figures, SequenceFigures, measure
-from app.evaluate.harness import EvaluateFault, decimals, figure, in_english, percent, table, write_whole, writing
-from app.evaluate.readings import DetectedImage
+from app.evaluate.harness import (
+    EvaluateFault,
+    decimals,
+    figure,
+    in_english,
+    percent,
+    plain,
+    table,
+    write_whole,
+    writing,
+)
+from app.evaluate.readings import UPRIGHT, DetectedImage
 from app.text.catalogue import render, tr
 from hal.cameras.playback import decode_image
 from kgdfa.draw import caption, draw_hand
@@ -43,6 +53,7 @@ PAPER_TABLE_3: dict[str, tuple[float, float, float, float, float]] = {
 PAPER_MAP = 95.67  # Table 4
 # Their mean is a tie at four places, 0.89535: only an exact sum shows the same on every Python.
 PAPER_MACRO_F1 = math.fsum(row[3] for row in PAPER_TABLE_3.values()) / len(PAPER_TABLE_3)
+HEADER_OFF_FRAMES = 2  # a video's header estimates how many frames follow
 LARGEST_SIDE_PX = 640  # of an image in the errors folder
 
 
@@ -126,14 +137,25 @@ def _confusion(name: str, figures: Figures) -> Table:
         made.add_column(heading, justify="right")
     for truth, row in zip(CLASSES, figures.confusion, strict=True):
         cells = [str(count) if count else "·" for count in row]
-        made.add_row(truth, *(f"[bold]{c}[/]" if n == truth else c for n, c in zip(CLASSES, cells, strict=True)))
+        made.add_row(truth, *(plain(c, "bold" if n == truth else "") for n, c in zip(CLASSES, cells, strict=True)))
     return made
+
+
+def sequence_shown(
+    where: Path, figures: Mapping[str, SequenceFigures], unreadable: Sequence[Path], claimed_frames: int | None
+) -> Iterator[Table | str]:
+    """The table, frames that can't be read, and a header that claims more of them than its estimate may be off by."""
+    yield sequence_table(where, figures)
+    frames = next(iter(figures.values())).frames
+    if claimed_frames is not None and claimed_frames - frames > HEADER_OFF_FRAMES:
+        yield tr("evaluate.sequence.cut", file=where, frames=frames, claimed=claimed_frames)
+    yield from (tr("evaluate.sequence.unreadable", file=path) for path in unreadable)
 
 
 def sequence_table(where: Path, figures: Mapping[str, SequenceFigures]) -> Table:
     """A row a figure, a column a rule set."""
-    plain = [msgspec.to_builtins(one) for one in figures.values()]
-    rows = [(tr(f"evaluate.sequence.{field}"), *(_figure(one[field]) for one in plain)) for field in plain[0]]
+    built = [msgspec.to_builtins(one) for one in figures.values()]
+    rows = [(tr(f"evaluate.sequence.{field}"), *(_figure(one[field]) for one in built)) for field in built[0]]
     columns = "empty " + " ".join(figures)
     return table("sequence", columns, rows, file=where, frames=next(iter(figures.values())).frames)
 
@@ -214,7 +236,7 @@ def write_errors(
     with writing(errors):
         errors.mkdir(parents=True, exist_ok=True)
     for one, found in wrong:
-        image = decode_image(directory / one.image.path, cv2.IMREAD_UNCHANGED)
+        image = decode_image(directory / one.image.path, UPRIGHT)
         if image is not None:
             name = f"{one.image.label.replace(':', '-')}_as_{one.predicted}_{one.image.path}.png"
             with in_english():

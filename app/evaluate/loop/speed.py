@@ -26,7 +26,7 @@ import cv2
 import numpy as np
 from rich.table import Table
 
-from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, percent, table
+from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, percent, plain, table
 from app.evaluate.loop.networks import NetworkSize, OnnxDetector, bundle_sizes
 from app.evaluate.readings import SPEED_COLUMNS, read_frames
 from app.perception.reporting import PreviewPacer
@@ -303,7 +303,7 @@ def detectors_table(figures: SpeedFigures) -> Table:
         label = tr(f"evaluate.stage.{name}") if name in {WHOLE, BARE} else name
         adds = "–" if one.multiply_adds is None else f"{one.multiply_adds / 1e9:.2f}"
         shares = (f"{one.ms:.1f}", f"{1000 / one.ms:.0f}", percent(one.hands / figures.frames))
-        made.add_row(label, f"{one.parameters / 1e6:.2f}", adds, *shares)
+        made.add_row(plain(label), f"{one.parameters / 1e6:.2f}", adds, *shares)
     made.add_section()
     for name, (_, fps) in PAPER_TABLE_4.items():
         parameters = f"{PAPER_PARAMETERS / 1e6:.2f}" if name == "KGDFA" else "–"

@@ -88,7 +88,7 @@ def read_recordings(folder: Path) -> list[Recording]:
 
 def _read(folder: Path, line: Row, number: int) -> Recording:
     if line["stop"] not in {"0", "1"}:
-        raise AppError(EvaluateFault.ROW_LABEL, file=folder / LIST, line=number, label=line["stop"])
+        raise AppError(EvaluateFault.ROW_STOP, file=folder / LIST, line=number, stop=line["stop"])
     path = folder / (line["path"] or "")
     microphone = RecordedMicrophone(path)
     parts: list[bytes] = []
@@ -98,7 +98,7 @@ def _read(folder: Path, line: Row, number: int) -> Recording:
             parts.append(microphone.read())
     except HardwareError as error:
         if not parts:
-            raise AppError(EvaluateFault.FILE_UNREADABLE, file=path, detail=str(error)) from error
+            raise AppError(EvaluateFault.FILE_UNREADABLE, file=path, detail=error) from error
     finally:
         microphone.close()
     return Recording(line["group"] or "", line["stop"] == "1", b"".join(parts))

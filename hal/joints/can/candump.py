@@ -88,7 +88,7 @@ def open_log(path: Path) -> IO[str]:
     try:
         with open_regular(path):  # refuses what is no file, before it is opened as text
             pass
-        if path.suffix == ".gz":
+        if path.suffix.lower() == ".gz":
             return gzip.open(path, "rt", encoding="ascii", errors="replace")
         return path.open(encoding="ascii", errors="replace")
     except OSError as error:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gzip
 import random
 import secrets
 import threading
@@ -120,6 +121,25 @@ def test_the_monitor_asks_while_nobody_can_begin_a_session(monkeypatch: pytest.M
         assert not any(drive.motor_mode for drive in emulator.drives)
     assert polls
     claim_buses(Home(tmp_path / "another"), device).close()
+
+
+def test_a_recorded_bus_is_unpacked_whatever_the_case_of_its_ending(tmp_path: Path) -> None:
+    frame = b"(1731.000001) can0 001#7FFF7FF000007FF7\n"
+    decoded = []
+    for name, data in (("a.log", frame), ("b.log.GZ", gzip.compress(frame))):
+        (tmp_path / name).write_bytes(data)
+        decoded.append(CliRunner().invoke(cli, ["decode", str(tmp_path / name)]).stdout)
+    assert decoded[0] == decoded[1]
+    assert "left hip" in decoded[0]
+
+
+def test_the_name_of_a_recorded_bus_is_no_markup(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    port = str(random.SystemRandom().randrange(20_000, 60_000))
+    arguments = ["record", "[bold]a[", "--interface", "local", "--channel", port, "--seconds", "0.01"]
+    done = CliRunner().invoke(cli, arguments)
+    assert done.exit_code == 0, done
+    assert "[bold]a[" in done.output
 
 
 @pytest.mark.parametrize(

@@ -22,7 +22,7 @@ from app.system.paths import Home
 from hal.cameras.intrinsics import assumed
 from hal.errors import CameraFault, HardwareError
 from profiles.errors import ProfileError, ProfileFault
-from profiles.schema import DEMO_PATIENT, Profile
+from profiles.schema import DEMO_PATIENT, Calibration, Profile
 from profiles.store import ProfileStore
 from testing.authors import Named
 
@@ -75,3 +75,27 @@ def test_a_field_names_no_other_patient(tmp_path: Path, monkeypatch: pytest.Monk
     assert isinstance(done.exception, ProfileError), done.output
     assert done.exception.code is ProfileFault.IDENTIFIER_FIXED
     assert not list(place.profiles.glob("*.toml"))
+
+
+def test_the_list_shows_a_palm_by_its_newest_calibration_and_names_the_camera(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("RLEEX_HOME", str(tmp_path))
+    monkeypatch.setenv("COLUMNS", "200")
+    store = ProfileStore(Home(tmp_path).profiles)
+    newest = Calibration(
+        camera="[b]webcam",
+        focal_anchor_px_m=36.0,
+        focal_px=600.0,
+        distance_m=0.36,
+        residual=0.01,
+        calibrated_at="2026-05-20T06:00:00+00:00",
+    )
+    older = msgspec.structs.replace(newest, camera="other", calibrated_at="2026-05-01T06:00:00+00:00")
+    for name, calibrations in (("P-1", ()), ("P-2", (newest, older))):
+        made = msgspec.structs.replace(DEMO_PATIENT, identifier=name, calibrations=calibrations)
+        store.create(made, by=Named(""), at=datetime.now(UTC))
+    lines = CliRunner().invoke(tree(), ["profile", "list"]).output.splitlines()
+    (without,), (calibrated,) = ([line for line in lines if name in line] for name in ("P-1", "P-2"))
+    assert "cm, estimated " in without
+    assert "6.0 ± 0.1 cm, calibrated, [b]webcam " in calibrated

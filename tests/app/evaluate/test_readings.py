@@ -1,26 +1,44 @@
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
+from PIL import Image
 
 from app.evaluate.harness import EvaluateFault
-from app.evaluate.readings import DISTANCE_COLUMNS, GESTURE_COLUMNS, read_footage, read_frames
+from app.evaluate.readings import (
+    DISTANCE_COLUMNS,
+    GESTURE_COLUMNS,
+    LabelledImage,
+    read_footage,
+    read_frames,
+    read_image,
+)
 from app.system.errors import AppError
 from app.text.catalogue import render
+from hal.cameras.playback import video_source
+from kgdfa.preprocess import as_bgr8
+
+
+def filmed(file: Path, codec: str, images: Iterable[NDArray[np.uint8]]) -> Path:
+    """A video of images of 64×48, 20 a second."""
+    writer = cv2.VideoWriter(str(file), cv2.VideoWriter.fourcc(*codec), 20.0, (64, 48))
+    for image in images:
+        writer.write(image)
+    writer.release()
+    return file
 
 
 @pytest.fixture(scope="module")
 def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Twelve frames of 64×48 at 20 a second, each lighter than the last."""
-    file = tmp_path_factory.mktemp("footage") / "hand.avi"
-    writer = cv2.VideoWriter(str(file), cv2.VideoWriter.fourcc(*"MJPG"), 20.0, (64, 48))
-    for number in range(12):
-        writer.write(np.full((48, 64, 3), 20 * number, np.uint8))
-    writer.release()
-    return file
+    images = (np.full((48, 64, 3), 20 * number, np.uint8) for number in range(12))
+    return filmed(tmp_path_factory.mktemp("footage") / "hand.avi", "MJPG", images)
 
 
 def test_a_video_has_a_label_for_every_frame(video: Path, tmp_path: Path) -> None:
@@ -31,8 +49,73 @@ def test_a_video_has_a_label_for_every_frame(video: Path, tmp_path: Path) -> Non
     assert footage.period_ns == 50_000_000
     assert footage.focal_px == pytest.approx(47.5)
     for _ in range(2):
-        lightness = [image.mean() for image in footage.frames()]
+        lightness = [image.mean() for image in footage.frames() if image is not None]
         assert lightness == pytest.approx([20 * number for number in range(12)], abs=6)
+
+
+def test_a_cut_video_is_read_as_far_as_it_goes_beside_what_its_header_claims(tmp_path: Path) -> None:
+    noise = np.random.default_rng(1).integers(0, 256, (40, 48, 64, 3), np.uint8)
+    cut = filmed(tmp_path / "cut.avi", "MJPG", noise)
+    data = cut.read_bytes()
+    cut.write_bytes(data[: len(data) // 2])
+    cut.with_suffix(".csv").write_text("frame,label\n0,5\n")
+    footage = read_footage(cut)
+    assert footage.claimed_frames == 40
+    assert 10 < len(footage.labels) == len([*footage.frames()]) < 30
+
+
+def test_a_rate_that_no_camera_has_is_not_taken(tmp_path: Path) -> None:
+    file = filmed(tmp_path / "fast.mp4", "mp4v", [np.zeros((48, 64, 3), np.uint8)] * 3)
+    data = bytearray(file.read_bytes())
+    scale = data.index(b"mdhd") + 16  # of time, behind version and two dates
+    data[scale : scale + 4] = (int.from_bytes(data[scale : scale + 4]) * 1000).to_bytes(4)
+    file.write_bytes(data)
+    file.with_suffix(".csv").write_text("frame,label\n0,5\n")
+    assert read_footage(file).period_ns == 33_333_333
+
+
+def test_a_name_with_a_colon_is_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    named = Path("2026-11-27T10:30.mp4")
+    filmed(tmp_path / named, "mp4v", [np.zeros((48, 64, 3), np.uint8)] * 3)
+    named.with_suffix(".csv").write_text("frame,label\n0,5\n")
+    assert len([*read_footage(named).frames()]) == len([*video_source(named)()]) == 3
+
+
+def test_an_image_of_a_folder_that_can_not_be_read_leaves_the_others(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((40, 40, 3), np.uint8))
+    rows = "".join(f"{name},1,6.7,900\n" for name in ("a.png", "gone.png", "a.png"))
+    (tmp_path / "frames.csv").write_text("path,label,anchor_cm,fx\n" + rows)
+    footage = read_footage(tmp_path)
+    missing = [path.name for path, image in zip(footage.paths, footage.frames(), strict=True) if image is None]
+    assert missing == ["gone.png"]
+
+
+def test_a_photo_is_read_the_way_up_that_its_camera_noted(tmp_path: Path) -> None:
+    exif = Image.Exif()
+    exif[0x112] = 6  # turn it right by a quarter to see it upright
+    Image.new("RGB", (30, 20)).save(tmp_path / "a.jpg", exif=exif)
+    image = read_image(LabelledImage(path="a.jpg", label="5"), tmp_path)
+    assert isinstance(image, np.ndarray)
+    assert image.shape == (30, 20, 3)
+
+
+@pytest.mark.parametrize(
+    "kept",
+    [
+        np.arange(48, dtype=np.uint8).reshape(6, 8),
+        np.arange(144, dtype=np.uint8).reshape(6, 8, 3),
+        np.arange(192, dtype=np.uint8).reshape(6, 8, 4),
+        np.arange(48, dtype=np.uint16).reshape(6, 8) * 1000,
+        np.arange(192, dtype=np.uint16).reshape(6, 8, 4) * 300,
+    ],
+    ids=["grey", "colour", "alpha", "grey of 16 bit", "alpha of 16 bit"],
+)
+def test_every_kind_of_image_is_read_as_it_was_kept(tmp_path: Path, kept: NDArray[np.integer[Any]]) -> None:
+    cv2.imwrite(str(tmp_path / "a.png"), kept)
+    image = read_image(LabelledImage(path="a.png", label="5"), tmp_path)
+    assert isinstance(image, np.ndarray)
+    assert np.array_equal(image, as_bgr8(kept))
 
 
 def test_the_table_beside_the_video_is_its_own(video: Path) -> None:

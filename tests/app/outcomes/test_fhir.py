@@ -19,10 +19,12 @@ from app.evaluate.outcomes.walks import RecordedWalk, Walk
 from app.motion.plan import patient_of
 from app.outcomes.fhir import bundle_of
 from app.outcomes.session import SessionOutcomes, find_outcomes
+from app.system.errors import AppError
 from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 from logs.records import GuidedTestResult
 from profiles.schema import DEMO_PATIENT, GaitParameters
 from testing.trails import write_sample
+from tests.app.evaluate.test_full_disk import full_disk
 
 DEVICE = load_exoskeleton(DEFAULT_DEVICE)
 READABLE = {"{steps}": "steps", "{steps}/min": "steps/min"}  # the others are written as UCUM has them
@@ -65,6 +67,20 @@ def exported(home: Path, folder: Path, *options: str) -> Any:  # its fields are 
     assert done.exit_code == 0, done.output
     (path,) = folder.iterdir()
     return Bundle.model_validate_json(path.read_bytes())
+
+
+@pytest.mark.parametrize("command", ["export", "outcomes"])
+def test_what_a_full_disk_cuts_leaves_the_older_file(home: Path, tmp_path: Path, command: str) -> None:
+    path = tmp_path / f"{next((home / 'logs').glob('*.jsonl')).stem}.fhir.json"
+    path.write_text("older", encoding="utf-8")
+    options = {"export": ["--to", "fhir", "-o", str(tmp_path)], "outcomes": ["--json", str(path)]}[command]
+    arguments = [command, "last", "--home", str(home), *options]
+    with full_disk(100):
+        done = CliRunner().invoke(cli, arguments)
+    assert isinstance(done.exception, AppError | OSError)
+    assert [(one, one.read_text(encoding="utf-8")) for one in tmp_path.iterdir()] == [(path, "older")]
+    assert CliRunner().invoke(cli, arguments).exit_code == 0
+    assert path.stat().st_size > 100
 
 
 def observations(bundle: Any) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from app.cli import cli
 from app.evaluate.outcomes.compare import Case, compare
 from app.evaluate.outcomes.walks import RecordedWalk, Walk
 from app.motion.plan import patient_of
-from app.outcomes.history import HistoryFault, outcomes_of, outcomes_of_patient
+from app.outcomes.history import HistoryFault, kept_outcomes, outcomes_of, outcomes_of_patient
 from app.outcomes.session import OutcomesFault, OutcomeSource, find_outcomes
 from app.recording.read import RecordingReadFault
 from app.recording.schemas import TOPICS
@@ -21,6 +21,7 @@ from app.recording.writer import LIBRARY, VERSION, RecordingWriter
 from app.system.errors import AppError
 from app.system.paths import Home
 from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
+from logs.line import seal
 from logs.read import records
 from logs.records import ActionEnd
 from profiles.schema import DEMO_PATIENT, DoseTargets, GaitParameters
@@ -114,6 +115,24 @@ def test_an_unreadable_session_is_named_and_the_others_are_told(home: Path, tmp_
     assert code != 0
 
 
+def test_what_was_measured_stays_when_its_recording_is_deleted(home: Path, tmp_path: Path) -> None:
+    first, *_ = sessions(home)
+    trail, recording = tmp_path / f"{first}.jsonl", tmp_path / f"{first}.mcap"
+    for path in (trail, recording):
+        path.write_bytes((home / "logs" / path.name).read_bytes())
+    kept = tmp_path / "outcomes"
+    measured = kept_outcomes(kept, trail)
+    assert measured.measures.distance_m is not None
+    recording.unlink()
+    assert kept_outcomes(kept, trail) == measured
+    recording.write_bytes(b"another")
+    with pytest.raises(AppError):  # it is measured again
+        kept_outcomes(kept, trail)
+    recording.unlink()
+    trail.write_bytes(trail.read_bytes() + trail.read_bytes().splitlines(keepends=True)[-1])
+    assert kept_outcomes(kept, trail).source is OutcomeSource.TRAIL
+
+
 def test_sessions_are_told_once_in_order_and_of_the_patient_asked_for(home: Path) -> None:
     first, second, third = sessions(home)
     logs = home / "logs"
@@ -197,8 +216,8 @@ def test_what_the_other_computer_knows_of_a_session_is_left_out_and_that_is_said
     trail = write_sample(tmp_path, minutes=0.5, parameters=dose)
     lines = [json.loads(line) for line in trail.read_bytes().splitlines()]
     lines[0]["body"]["configuration"] = {"joints": {"host": "exo.local:7447"}}
-    of_laptop = [line for line in lines if line["process"] not in {"control", "planner"}]
-    trail.write_text("".join(json.dumps(line) + "\n" for line in of_laptop))
+    of_laptop = [line for line in lines if line["process"] not in {"control", "planner"} and line.pop("hash")]
+    trail.write_bytes(b"".join(seal(json.dumps(line).encode())[0] for line in of_laptop))
     for recorded in (False, True):
         if recorded:
             assert RecordingWriter(trail.with_suffix(".mcap"), TOPICS, 0).finish()

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from app.cli import cli
 from app.playback import frame, pen
-from app.playback.film import LEAD_S, FilmFault, Stretch, film, stretch_of, view_at, whole_of
+from app.playback.film import LEAD_S, FilmFault, Stretch, film, stretch_of, view_at, whole_of, write_film
 from app.playback.frame import HEIGHT_PX, WIDTH_PX
 from app.playback.session import Playback, ReplayFault, moment_ns
 from app.playback.view import Legs, clock
@@ -74,6 +74,12 @@ def test_times_without_anything_are_refused(playback: Playback, from_s: float | 
     with pytest.raises(AppError) as caught:
         stretch_of(playback, from_s, to_s)
     assert caught.value.code is ReplayFault.NO_SUCH_TIME
+
+
+def test_a_name_with_a_colon_is_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_film(Path("10:30.mp4"), [np.zeros((48, 64, 3), np.uint8)] * 3, frames=3, fps=25, size_px=(64, 48))
+    assert frames_of(tmp_path / "10:30.mp4") == (3, 25.0, (64, 48))
 
 
 def test_a_stopped_film_leaves_nothing(playback: Playback, tmp_path: Path) -> None:

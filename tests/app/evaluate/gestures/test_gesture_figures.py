@@ -117,7 +117,7 @@ def test_kinds_that_the_fit_never_saw_are_shown_one_by_one() -> None:
     kinds, summary = kinds_shown(figures)
     assert not isinstance(kinds, str)
     assert isinstance(summary, str)
-    assert [list(column.cells) for column in kinds.columns] == [
+    assert [[str(cell) for cell in column.cells] for column in kinds.columns] == [
         ["none:claw", "none:ok"],
         ["0.0%", "50.0%"],
         ["1", "2"],
@@ -137,6 +137,7 @@ def test_kinds_that_the_fit_never_saw_are_shown_one_by_one() -> None:
         ("path,label,source,group\na.jpg,none:,s,g\n", EvaluateFault.ROW_LABEL, 2),
         ("path,label,source,group\na.jpg,1,s\n", EvaluateFault.ROW_FIELDS, 2),
         ("path,label,source,group\n,1,s,g\n", EvaluateFault.ROW_PATH, 2),
+        ('path,label,source,group\n"a\nb.jpg",1,s,g\n\nc.jpg,nope,s,g\n', EvaluateFault.ROW_LABEL, 5),
     ],
 )
 def test_bad_label_files_are_refused_by_line(tmp_path: Path, text: str, fault: EvaluateFault, line: int | None) -> None:

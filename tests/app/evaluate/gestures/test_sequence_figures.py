@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.evaluate.gestures.measures import SequenceFigures, measure_sequence, run_sequence
-from app.evaluate.gestures.report import sequence_table
+from app.evaluate.gestures.measures import SequenceFigures, measure_sequence, run_sequence, verdict_and_vote
+from app.evaluate.gestures.report import sequence_shown, sequence_table
 from app.evaluate.readings import Footage
 from app.perception.pipeline import RULES
 
@@ -44,12 +44,18 @@ def test_the_chain_over_footage_guides_its_detector_as_a_sessions_does(monkeypat
 
     detector: Any = SimpleNamespace(detect=lambda *_: (), follow=follow)
     monkeypatch.setattr("kgdfa.keypoints.live_detector", lambda _: nullcontext(detector))
-    images = [np.zeros((90, 160, 3), np.uint8)] * 3
+    image = np.zeros((90, 160, 3), np.uint8)
     footage = Footage(
-        labels=("skip",) * 3, focal_px=160.0, reference_m=0.08, period_ns=33_000_000, frames=lambda: iter(images)
+        labels=("skip",) * 3,
+        focal_px=160.0,
+        reference_m=0.08,
+        period_ns=33_000_000,
+        frames=lambda: iter([image, None, image]),
     )
-    assert len(run_sequence(footage, Path("model"), RULES["robust"]())) == 3
-    assert len(followed) == 3
+    reports = run_sequence(footage, Path("model"), RULES["robust"]())
+    assert [report is None for report in reports] == [False, True, False], "one that can't be read"
+    assert verdict_and_vote(reports[1]) == ("none", "none")
+    assert len(followed) == 2
 
 
 def test_counts_and_shares_of_footage_are_not_rounded_up() -> None:
@@ -63,5 +69,15 @@ def test_counts_and_shares_of_footage_are_not_rounded_up() -> None:
         delay_frames=2.25,
         false_onsets=3,
     )
-    (_, cells) = (list(column.cells) for column in sequence_table(Path("video"), {"robust": figures}).columns)
+    cells = [str(cell) for cell in sequence_table(Path("video"), {"robust": figures}).columns[1].cells]
     assert cells == ["5412", "0.9996", "0.5000", "1234", "1234", "0", "2.2500", "3"]
+
+
+@pytest.mark.parametrize(("claimed", "lines"), [(None, 0), (0, 0), (5, 0), (6, 1)])
+def test_a_header_that_claims_more_frames_than_can_be_read_is_shown(claimed: int | None, lines: int) -> None:
+    figures = {"robust": measure_sequence(["skip"] * 3, ["none"] * 3, ["none"] * 3)}
+    cut = [*sequence_shown(Path("a.avi"), figures, [], claimed)][1:]
+    assert len(cut) == lines
+    assert all("3 frames can be read" in str(line) and str(claimed) in str(line) for line in cut)
+    (unreadable,) = [*sequence_shown(Path("a"), figures, [Path("a/1.jpg")], None)][1:]
+    assert unreadable == "a/1.jpg can't be read and counts as none."

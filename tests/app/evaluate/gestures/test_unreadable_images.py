@@ -12,15 +12,16 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from app.cli.evaluate.common import show_unreadable
+from app.cli.evaluate.common import show, unreadable_lines
 from app.evaluate.distance.frames import figures as distance_figures
+from app.evaluate.distance.frames import measure_frames
 from app.evaluate.gestures.ablation import measure_preparations, photos, preparation_table
 from app.evaluate.gestures.images import classify_all, published_classifier
 from app.evaluate.gestures.measures import measure, measure_sequence
 from app.evaluate.gestures.report import kinds_shown, sequence_table, shown
 from app.evaluate.gestures.side import SideFigures, measure_looks, measure_photos
 from app.evaluate.harness import EvaluateFault
-from app.evaluate.readings import DetectedImage, LabelledImage, read_image
+from app.evaluate.readings import DetectedImage, LabelledFrame, LabelledImage, read_image
 from kgdfa.gesture import Gesture
 from kgdfa.hand import Hand
 from logs.reason import Reason, reason
@@ -74,16 +75,43 @@ def test_the_side_of_a_hand_counts_those_that_can_be_read_and_names_the_others(
 
 
 def test_preparations_are_measured_on_those_that_can_be_read_and_the_others_are_named(
-    listed: list[LabelledImage], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    listed: list[LabelledImage], tmp_path: Path
 ) -> None:
     unreadable: dict[str, Reason] = {}
     (first, *_) = measured = measure_preparations(photos(listed, tmp_path, unreadable), Blind())
     assert (first.images, first.found, first.accepted_undefined) == (1, 0.0, None)
     assert codes(unreadable) == CODES
-    cells = [next(iter(column.cells)) for column in preparation_table(measured[:1], {"none": 1.0}).columns]
+    cells = [str(next(iter(column.cells))) for column in preparation_table(measured[:1], {"none": 1.0}).columns]
     assert cells[-4:] == ["0.0%", "0.0%", "–", "1.0"]
-    show_unreadable(unreadable)
-    assert capsys.readouterr().out.splitlines()[0] == "2 images could not be read and are left out:"
+    assert unreadable_lines(unreadable)[0] == "2 images could not be read and are left out:"
+
+
+def test_rows_are_counted_and_an_image_is_named_once() -> None:
+    count, *named = unreadable_lines({"x.png": UNREADABLE}, "gestures.unreadable", rows=3)
+    assert count.startswith("3 rows name images that could not be read")
+    assert named == ["  x.png: x.png is no image that can be read: repair or remove it."]
+
+
+def test_what_a_list_names_is_no_markup_and_nothing_that_a_terminal_obeys(capsys: pytest.CaptureFixture[str]) -> None:
+    one = replace(GUN, image=LabelledImage(path="x.png", label="none:person[left]", source="a[/b]\x1b[2J:smile:"))
+    figures = measure(classify_all([one], published_classifier()))
+    sequence = sequence_table(Path("[red]a[/x].mp4"), {"robust": measure_sequence(["skip"], ["none"], ["none"])})
+    show(*shown("published", figures, 1), sequence, *unreadable_lines({"[/c]\x1b[2J": UNREADABLE}))
+    printed = capsys.readouterr().out
+    assert "\x1b" not in printed
+    for text in ("none:person[left]", r"a[/b]\x1b[2J:smile:", "[red]a[/x].mp4: 1 frames", r"[/c]\x1b[2J"):
+        assert text in printed
+
+
+def test_frames_of_a_distance_that_can_not_be_read_are_named(tmp_path: Path) -> None:
+    cv2.imwrite(str(tmp_path / "a.png"), np.zeros((40, 40, 3), np.uint8))
+    blind: Any = Blind()
+    frames = [
+        LabelledFrame(path=tmp_path / name, focal_px=900.0, reference_m=0.067, distance_m=0.4)
+        for name in ("a.png", "gone.png")
+    ]
+    result = measure_frames(frames, blind, lambda: None).as_json()
+    assert (result["frames"], result["unreadable"]) == (2, [str(tmp_path / "gone.png")])
 
 
 def test_an_undefined_hand_that_can_not_be_read_was_not_refused() -> None:
@@ -112,7 +140,7 @@ def test_shares_of_nothing_are_none_and_shown_as_a_dash() -> None:
 def test_a_sequence_of_nothing_but_pauses_has_no_accuracy() -> None:
     figures = measure_sequence(["skip"] * 3, ["none"] * 3, ["none"] * 3)
     assert (figures.frame_accuracy, figures.voted_accuracy) == (None, None)
-    cells = [*sequence_table(Path("x"), {"robust": figures}).columns[1].cells]
+    cells = [str(cell) for cell in sequence_table(Path("x"), {"robust": figures}).columns[1].cells]
     assert cells[:3] == ["3", "–", "–"]
 
 

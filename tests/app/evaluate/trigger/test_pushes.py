@@ -140,7 +140,7 @@ def test_a_failed_push_is_listed_frame_by_frame() -> None:
     assert len(push.as_json()["frames"]) == len(push.frames)
     listed = next(shown(PushRun(pushes=(push,), interrupted=False)))
     assert isinstance(listed, Table)
-    assert set(listed.columns[-2].cells) == {"ready", "waits for a hand outside"}
+    assert set(map(str, listed.columns[-2].cells)) == {"ready", "waits for a hand outside"}
 
 
 def test_a_push_that_commands_tells_when_and_how_it_pressed() -> None:

@@ -14,6 +14,7 @@ from app.evaluate.voice import recordings, speech
 from app.evaluate.voice.recordings import Recording, keep, measure, pcm, read_recordings, synthetic, synthetic_count
 from app.evaluate.voice.speech import PHRASES, Voices, gait, levelled, mixed, music, resampled, rms, voices
 from app.system.errors import AppError
+from app.text.catalogue import render
 from hal.microphone import RATE_HZ
 
 LOUD = 12_000
@@ -119,7 +120,7 @@ def test_what_is_kept_is_read_again(tmp_path: Path) -> None:
         (None, EvaluateFault.FILE_UNREADABLE),
         ("path,group\n", EvaluateFault.TABLE_COLUMNS),
         ("path,stop,group\n", EvaluateFault.TABLE_EMPTY),
-        ("path,stop,group\na.wav,yes,x\n", EvaluateFault.ROW_LABEL),
+        ("path,stop,group\na.wav,yes,x\n", EvaluateFault.ROW_STOP),
         ("path,stop,group\na.wav,1,x\n", EvaluateFault.FILE_UNREADABLE),
         ("path,stop,group\na.wav,1\n", EvaluateFault.ROW_FIELDS),
     ],
@@ -130,6 +131,7 @@ def test_a_bad_list_is_one_sentence(tmp_path: Path, text: str | None, fault: Eva
     with pytest.raises(AppError) as raised:
         read_recordings(tmp_path)
     assert raised.value.code is fault
+    assert "Fault." not in render(raised.value)
     assert str(tmp_path) in str(raised.value.values["file"])
 
 

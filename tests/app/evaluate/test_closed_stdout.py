@@ -1,0 +1,87 @@
+"""Figures are written before they are shown: a stdout that is full or closed costs none of them."""
+
+from __future__ import annotations
+
+import ast
+import errno
+import io
+import os
+import sys
+from pathlib import Path
+
+import cv2
+import msgspec
+import numpy as np
+import pytest
+
+from app.cli import evaluate as commands
+from app.cli.evaluate.common import shown_after
+from app.cli.tree import command
+from app.evaluate.gestures.images import save_hands
+from app.evaluate.harness import write_json
+from app.evaluate.readings import DetectedImage, LabelledImage
+from app.system.errors import AppError
+from kgdfa.gesture import Gesture
+from tests.app.evaluate.test_full_disk import full_disk
+from tests.kgdfa.hands import STATES, drawn_hand
+
+SOURCES = sorted(Path(commands.__file__).parent.glob("*.py"))
+FUNCTIONS = {
+    f"{file.stem}.{node.name}": node
+    for file in SOURCES
+    for node in ast.parse(file.read_text("utf-8")).body
+    if isinstance(node, ast.FunctionDef) and "write_json(" in ast.unparse(node)
+}
+
+
+class FullStdout(io.StringIO):
+    """As `> /dev/full`."""
+
+    def write(self, _text: str) -> int:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+
+def calls(node: ast.AST) -> set[str]:
+    return {ast.unparse(one.func) for one in ast.walk(node) if isinstance(one, ast.Call)}
+
+
+def test_every_command_with_figures_is_tried() -> None:
+    assert len(FUNCTIONS) >= 16
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_every_command_writes_its_figures_before_it_shows_them(name: str) -> None:
+    blocks = [one for one in ast.walk(FUNCTIONS[name]) if isinstance(one, ast.With)]
+    (within,) = [one for one in blocks if any("shown_after" in calls(item) for item in one.items)]
+    written = {what for what in calls(FUNCTIONS[name]) if what.rpartition(".")[2].startswith(("write_", "plot_"))}
+    assert "write_json" in written
+    assert written <= set().union(*map(calls, within.body))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "files"),
+    [
+        (("gestures", ".", "--png", "o.png", "--errors", "wrong"), {"o.json", "o.png", "wrong"}),
+        (("side", "."), {"o.json"}),
+    ],
+)
+def test_a_full_stdout_costs_no_figure(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], files: set[str]
+) -> None:
+    labelled = LabelledImage(path="x.png", label="3", source="s", group="g")
+    cv2.imwrite(str(tmp_path / "x.png"), np.zeros((40, 40, 3), np.uint8))
+    (tmp_path / "labels.csv").write_text("path,label,source,group\nx.png,3,s,g\n")
+    save_hands([DetectedImage(image=labelled, hands=(drawn_hand(STATES[Gesture.FIVE]),))], tmp_path / "k.npz")
+    before = {one.name for one in tmp_path.iterdir()}
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "stdout", FullStdout())
+    with pytest.raises(OSError, match="No space left"):
+        command().main(["evaluate", *arguments, "--keypoints", "k.npz", "--json", "o.json"], standalone_mode=False)
+    assert {one.name for one in tmp_path.iterdir()} - before == files
+    assert msgspec.json.decode((tmp_path / "o.json").read_bytes())
+
+
+def test_what_can_not_be_written_is_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    with full_disk(), pytest.raises(AppError), shown_after(["macro-F1 0.98"]):
+        write_json({"macro_f1": 0.98}, tmp_path / "o.json")
+    assert capsys.readouterr().out == "macro-F1 0.98\n"
