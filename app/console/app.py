@@ -247,8 +247,9 @@ class ConsoleApp(SessionFlow):
     async def _sign_out(self) -> None:
         if self.signed_in is None:
             return
-        name, self.signed_in = self.signed_in.name, None
+        name = self.signed_in.name
         self.trail.emit(SignOut(name=name, reason="signed out"))
+        self.signed_in = None
         self._lock = None  # it goes with its operator
         await self.show_patients()
         self.notify(tr("sign_out.done", name=name))
@@ -384,8 +385,7 @@ def run_console(home: Home, config: Config, *, straight: bool = False, read_only
     if read_only:
         observe(home, config)
         return
-    held = held_session(home)
-    config = held.config if held else config
+    held = held_session(home)  # with what was chosen for it; the next session is begun with what is configured
     simulated = not needs_sign_in(config)
     profile = ProfileStore(home.profiles).load(config.patient) if (straight or simulated) and not held else None
     app = ConsoleApp(home, config, profile=profile, held=held)

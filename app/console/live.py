@@ -48,6 +48,7 @@ class LiveSession:
         self.state = SessionState(setup=host.setup, started_ns=now_ns, now_ns=now_ns, vocabulary=vocabulary)
         self.ending = False
         self.closed = False
+        self.left = False  # for another console: this one ends
         self._connect(lambda: host.send(OperatorKind.STOP))
         self._voice: VoiceStop | None = None
         config = host.setup.config.voice
@@ -112,7 +113,7 @@ class LiveSession:
 
     def console_lost(self) -> None:
         """The console ends, and waits for nobody: no further heartbeat, so the legs are held. From any thread."""
-        self.ending = True
+        self.ending = self.left = True
         if not self.closed:
             self.host.silence()
 

@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 
 from textual.app import App
 
-from app.audit.sink import AuditSink
+from app.audit.sink import AuditSink, entry_now
 from app.console.screens.signin import SignInDialog
 from app.system.authority import Authority, unsigned
 from app.system.config import Config, SessionSetup
 from app.system.errors import AppError
-from app.system.operators import Permission, load_store, needs_sign_in
+from app.system.operators import Permission, append_to_journal, load_store, needs_sign_in
 from app.system.paths import Home
 from app.text.catalogue import tr
-from logs.records import Body
+from logs.records import Body, Entry
 
 
 class SignedInApp(App[None]):
@@ -28,7 +28,7 @@ class SignedInApp(App[None]):
         self.config = config
         self.read_only = read_only
         self.signed_in: Authority | None = None
-        self.trail = ConsoleTrail()
+        self.trail = ConsoleTrail(lambda: self.operator)
 
     @property
     def operator(self) -> str:
@@ -98,33 +98,37 @@ _MOST_WAITING = 1000  # sign-ins before a session; a person types no more
 
 
 class ConsoleTrail:
-    """Queues records; sends them on as soon as there is a session to keep them in."""
+    """Queues records, each with its own time and operator, until a session's trail or the operators' journal has them.
 
-    def __init__(self) -> None:
+    What was before a session is none of its own: from its first record on its time counts.
+    """
+
+    def __init__(self, operator: Callable[[], str]) -> None:
+        """operator: who is signed in; empty: nobody."""
+        self._operator = operator
         self._sink: AuditSink | None = None
-        self._waiting: list[Body] = []
+        self._waiting: list[Entry] = []
 
     def open(self, setup: SessionSetup) -> None:
         """A session's audit process will listen."""
         self._sink = AuditSink(setup.links, "console", setup.operator)
         waiting, self._waiting = self._waiting, []
-        for body in waiting:
-            self.emit(body)
+        for entry in waiting:
+            self._sink.forward(entry)
 
     def emit(self, body: Body) -> None:
         """Put one record in the trail."""
         if self._sink is not None:
             self._sink.emit(body)
         elif len(self._waiting) < _MOST_WAITING:
-            self._waiting.append(body)
+            self._waiting.append(entry_now("console", self._operator(), body))
 
     def keep(self, home: Home) -> None:
         """What no session took goes into the operators' journal. Raises AuditError when the disk refuses."""
-        from app.system.operators import append_to_journal  # brings cryptography: not before the first paint
-
-        waiting, self._waiting = self._waiting, []
-        for body in waiting:
-            append_to_journal(home, body)
+        while self._waiting:
+            entry = self._waiting[0]
+            append_to_journal(home, entry.body, entry.operator, (entry.wall_ns, entry.monotonic_ns))
+            del self._waiting[0]  # what was refused is kept later
 
     def close(self) -> None:
         """The session ends."""

@@ -9,7 +9,7 @@ from typing import Any, TypeVar
 import msgspec
 from textual.screen import Screen
 
-from app.console.live import Clock, GuidedTests, HostFactory, LiveSession, gc_freeze, preload_modules
+from app.console.live import Clock, GuidedTests, Host, HostFactory, LiveSession, gc_freeze, preload_modules
 from app.console.operator import SignedInApp
 from app.console.patient_fields import fits
 from app.console.screens.after import AfterScreen
@@ -28,7 +28,7 @@ from app.link.questions import require_joints
 from app.outcomes.guided import GuidedStop
 from app.session.host import make_setup
 from app.system.authority import Authority
-from app.system.config import Config, SessionSetup
+from app.system.config import Config, Purpose, SessionSetup
 from app.system.errors import AppError, ConsoleFault
 from app.system.operators import Permission, needs_sign_in
 from app.system.paths import Home
@@ -100,19 +100,28 @@ class SessionFlow(SignedInApp):
         profile = msgspec.structs.replace(DEMO_PATIENT, **hand)
         joints = msgspec.structs.replace(self.config.joints, kind="simulated", host="")
         config = msgspec.structs.replace(self.config, joints=joints)
-        await self._begin(profile, config, TrainingScreen(patient.identifier))
+        await self._begin(profile, config, TrainingScreen(patient.identifier), "training")
 
     async def begin_enrolment(self, profile: Profile) -> None:
         """The gestures that this patient can make, before the configured camera; simulated joints, never armed."""
         joints = msgspec.structs.replace(self.config.joints, kind="simulated", host="")
         config = msgspec.structs.replace(self.config, joints=joints)
-        await self.permitted(Permission.EDIT_PATIENTS, lambda: self._begin(profile, config, VocabularyScreen(profile)))
+
+        async def begin() -> None:
+            await self._begin(profile, config, VocabularyScreen(profile), "enrolment")
+
+        await self.permitted(Permission.EDIT_PATIENTS, begin)
 
     async def take_over(self, held: SessionSetup) -> None:
         """Take over a session whose console is gone: by its operator's PIN or a therapist's where drives can move.
 
-        Who has not signed in yet sees what it does, and can stop it.
+        Who has not signed in yet sees what it does, and can stop it. A training or an enrolment is ended: what it had
+        got to went with its console, and the live screen would confirm and arm.
         """
+        if held.purpose != "session":
+            self.notify(tr("take_over.ending"))
+            self.run_worker(self._end_held(self._make_host(held)))
+            return
         live = self._live_of(held)
         if needs_sign_in(held.config):
             self.push_screen(SignInDialog(held=held), lambda operator: self._taken_over(live, operator))
@@ -126,6 +135,21 @@ class SessionFlow(SignedInApp):
         self.signed_in = operator
         live.assign(operator)
         await self._show(live, SessionScreen())
+
+    async def _end_held(self, host: Host) -> None:
+        """Its commands count from the takeover on; the list comes when its processes have left camera and legs."""
+
+        def end() -> None:
+            try:
+                host.start()
+            finally:
+                host.close()
+
+        try:
+            await asyncio.to_thread(end)
+        except USER_ERRORS as error:
+            self.notify(render(error), severity="error", timeout=15, markup=False)
+        await self.show_patients()
 
     async def end_session_asking(self) -> None:
         """End the session; while drives are powered, only after a yes. An observer just leaves."""
@@ -235,14 +259,17 @@ class SessionFlow(SignedInApp):
         while isinstance(self.screen, Dialog):
             self._drop_screen()
 
-    async def _begin(self, profile: Profile, config: Config, screen: Screen[None]) -> None:
+    async def _begin(
+        self, profile: Profile, config: Config, screen: Screen[None], purpose: Purpose = "session"
+    ) -> None:
         if self.live is not None:
             return
         moves = None if self.read_only else Permission.OPERATE
         try:
             if config.joints.host and not self.read_only:
                 await asyncio.to_thread(require_joints, self.home, config.joints.host)
-            setup = make_setup(self.home, config, profile, self.signed_in, moves)
+            self.trail.keep(self.home)  # of before this session
+            setup = make_setup(self.home, config, profile, self.signed_in, moves, purpose=purpose)
         except USER_ERRORS as error:
             self.notify(render(error), severity="error", timeout=15, markup=False)
             return

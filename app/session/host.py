@@ -44,7 +44,7 @@ from app.ipc.states import Action
 from app.session.child import run_process
 from app.session.shared import Launch, Peer, current_lease, encode, take_lease
 from app.system.authority import Authority, AuthorityFault
-from app.system.config import Config, SessionSetup
+from app.system.config import Config, Purpose, SessionSetup
 from app.system.errors import AppError
 from app.system.legs_lock import claim_legs
 from app.system.operators import Permission, needs_sign_in
@@ -89,6 +89,8 @@ def make_setup(
     profile: Profile,
     authority: Authority | None,
     permission: Permission | None = Permission.OPERATE,
+    *,
+    purpose: Purpose = "session",
 ) -> SessionSetup:
     """Name a session and give it its private directory of sockets.
 
@@ -111,6 +113,7 @@ def make_setup(
         operator=authority.name if authority else "",
         role=authority.role_name if authority else "",
         began_ns=time.monotonic_ns(),
+        purpose=purpose,
     )
 
 

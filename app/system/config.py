@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 CameraKind = Literal["digital-hand", "webcam", "realsense", "recording"]
 ArmFrom = Literal["below", "left", "above", "right", "anywhere"]
 JointsKind = Literal["simulated", "can"]
+Purpose = Literal["session", "training", "enrolment"]  # the first alone may be armed
 RATES_HZ = (0.1, 120.0)  # of a camera, least and most
 HOST_FORM = r"^([A-Za-z0-9]([A-Za-z0-9.-]*[A-Za-z0-9])?(:[0-9]{1,5})?)?$"  # name or IPv4 address, and port
 
@@ -203,6 +204,7 @@ class SessionSetup(Struct, frozen=True, kw_only=True):
     host_started: str = ""  # when, as `app.session.shared.start_of` has it
     began_ns: int = 0  # monotonic; 0: nobody knows
     linked: bool = False  # its console is on another computer (app/link)
+    purpose: Purpose = "session"
 
     @property
     def joints_elsewhere(self) -> bool:

@@ -19,7 +19,7 @@ from kgdfa.vocabulary import VocabularyProof
 from logs.reading.regular import path_named
 from logs.reason import reason_of
 from logs.records import VocabularyEnrolled
-from profiles.schema import GestureEvidence, GestureUsed, Profile, VocabularyEvidence
+from profiles.schema import GestureEvidence, GestureUsed, HandUsed, Profile, VocabularyEvidence
 
 RULES = ("robust.npz", "robust.py", "features.py", "published.py")  # in kgdfa: what a verdict hangs on
 VALID_FOR = timedelta(days=91)  # three months: docs/decisions.md
@@ -31,6 +31,7 @@ class VocabularyStatus(Enum):
     NOT_NEEDED = auto()  # all twelve, and nobody was enrolled: recognition as it was measured on many people
     VALID = auto()  # proven_at
     MISSING = auto()
+    OTHER_HAND = auto()  # proven_at; or, from before the hand was kept, of a hand that is not known
     TOO_FEW = auto()  # the vocabulary has a gesture that was not proven
     OTHER_MODEL = auto()  # proven_at
     TOO_OLD = auto()  # proven_at, months
@@ -51,6 +52,8 @@ def vocabulary_status(profile: Profile, model: str, at: datetime) -> VocabularyS
     found = profile.evidence
     if found is None:
         return VocabularyStatus.NOT_NEEDED if set(profile.vocabulary) == set(GestureUsed) else VocabularyStatus.MISSING
+    if found.hand is not profile.hand:
+        return VocabularyStatus.OTHER_HAND
     if not set(profile.vocabulary) <= set(found.vocabulary):
         return VocabularyStatus.TOO_FEW
     if found.model != model:
@@ -63,12 +66,13 @@ def status_now(profile: Profile, config: Config) -> VocabularyStatus:
     return vocabulary_status(profile, recognition_hash(config) if profile.evidence else "", datetime.now(UTC))
 
 
-def with_evidence(profile: Profile, proof: VocabularyProof, model: str, at: datetime) -> Profile:
-    """The profile that commands with what was proven."""
+def with_evidence(profile: Profile, proof: VocabularyProof, model: str, at: datetime, hand: HandUsed) -> Profile:
+    """The profile that commands with what was proven. hand: that was shown."""
     vocabulary = tuple(GestureUsed(gesture.value) for gesture in proof.vocabulary)
     found = VocabularyEvidence(
         proven_at=at.replace(microsecond=0),
         model=model,
+        hand=hand,
         vocabulary=vocabulary,
         idle_frames=proof.idle_frames,
         idle_taken=proof.idle_taken,

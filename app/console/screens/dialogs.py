@@ -19,7 +19,7 @@ from app.console.state import SessionState
 from app.console.widgets.gesture import FINGERS
 from app.console.widgets.health import health_lines
 from app.console.widgets.panel import Lines, Panel, content_of, plain
-from app.console.widgets.patient_details import field_name
+from app.console.widgets.patient_details import field_name, local_text
 from app.ipc.states import ACTION_OF, Action
 from app.outcomes.guided import GuidedTest
 from app.text.catalogue import knows, tr
@@ -227,7 +227,7 @@ def history_lines(changes: tuple[Change, ...]) -> Lines:
         who = change.by or tr("history.nobody")
         lines.append(
             (
-                (f"{change.at[:16].replace('T', ' ')}  {who}", "bold $primary"),
+                (f"{local_text(change.at)}  {who}", "bold $primary"),
                 (f"  {tr(change.why) if knows(change.why) else change.why}", "$text-muted"),
             )
         )

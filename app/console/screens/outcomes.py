@@ -17,6 +17,7 @@ from textual.widgets import Static
 from app.console.screens.base import Dialog
 from app.console.widgets.canvas import Canvas
 from app.console.widgets.panel import Line, Lines, Panel, cells, fitted, padded, plain
+from app.console.widgets.patient_details import local_text
 from app.outcomes.history import Refused, kept_outcomes, trails_of
 from app.outcomes.session import SessionOutcomes
 from app.outcomes.table import Series, remarks, series_of, sources
@@ -81,7 +82,7 @@ class OutcomesPage(Dialog[None]):
     def _span(self) -> str:
         if not self._found:
             return tr("outcomes.page.none")
-        first, last = self._found[0].began[:10], self._found[-1].began[:10]
+        first, last = (local_text(one.began)[:10] for one in (self._found[0], self._found[-1]))
         return tr("outcomes.page.sessions", count=len(self._found), first=first, last=last)
 
     def _notes(self, refused: list[Refused]) -> list[str]:

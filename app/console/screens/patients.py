@@ -137,7 +137,7 @@ class PatientsScreen(ConsoleScreen):
 
     def action_begin(self) -> None:
         """On with the patient under the cursor: hardware, then the session."""
-        if profile := self._chosen():
+        if profile := self._stored():
             self.app.push_screen(StartSession(profile))
 
     async def action_new(self) -> None:
@@ -146,7 +146,7 @@ class PatientsScreen(ConsoleScreen):
 
     async def action_edit(self) -> None:
         """Change the patient under the cursor."""
-        if profile := self._chosen():
+        if profile := self._stored():
             await self._edit(lambda: PatientForm(profile))
 
     async def action_duplicate(self) -> None:
@@ -193,17 +193,18 @@ class PatientsScreen(ConsoleScreen):
 
     async def action_calibrate(self) -> None:
         """The patient's palm before the configured camera."""
-        if profile := self._chosen():
+        if profile := self._stored():
             await self.console_app.calibrate(profile)
 
     async def action_vocabulary(self) -> None:
         """Which gestures this patient can make."""
-        if profile := self._chosen():
+        if profile := self._stored():
             await self.console_app.begin_enrolment(profile)
 
     async def action_training(self) -> None:
         """The twelve gestures with the patient's hand, before any motor is on."""
-        await self.console_app.begin_training(self._chosen() or DEMO_PATIENT)
+        if profile := self._stored() if self._chosen() else DEMO_PATIENT:
+            await self.console_app.begin_training(profile)
 
     def action_review(self) -> None:
         """Earlier sessions."""
@@ -232,6 +233,13 @@ class PatientsScreen(ConsoleScreen):
         if not table.row_count:
             return None
         return self._profiles.get(str(table.coordinate_to_cell_key(table.cursor_coordinate).row_key.value))
+
+    def _stored(self) -> Profile | None:
+        """The one under the cursor as it is now: the command line may have changed it since the list was read."""
+        if profile := self._chosen():
+            with self.notify_errors():
+                return self.console_app.store.load(profile.identifier)
+        return None
 
     def _fill(self) -> None:
         table, shown = self.query_one(DataTable), self._shown

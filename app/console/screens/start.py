@@ -87,19 +87,38 @@ class StartSession(ConsoleScreen):
 
     async def action_preflight(self) -> None:
         """Rehearse every action for this patient, for who may move one."""
-        app = self.console_app
         with self.notify_errors():
             config = self._chosen()
-            await app.permitted(Permission.OPERATE, lambda: app.push_screen(Preflight(self._profile, config)), config)
+            await self.console_app.permitted(Permission.OPERATE, lambda: self._rehearse(config), config)
+
+    async def _rehearse(self, config: Config) -> None:
+        with self.notify_errors():
+            await self.app.push_screen(Preflight(self._stored(), config))
 
     async def _begin(self, config: Config) -> None:
         app, used = self.console_app, DistanceUsed(self.query_one("#distance-source", Select).value)
         with self.notify_errors():
-            if used is not self._profile.distance_source:
-                current = msgspec.structs.replace(app.store.load(self._profile.identifier), distance_source=used)
-                app.store.save(current, by=app.authority, at=datetime.now(UTC), why=ChangeCause.DISTANCE.key)
-                self._profile = msgspec.structs.replace(self._profile, distance_source=used)
-            await app.begin_session(self._profile, config)
+            profile = self._stored()
+            if profile != self._profile:
+                await self._show_changed(profile)
+                return
+            if used is not profile.distance_source:
+                profile = msgspec.structs.replace(profile, distance_source=used)
+                app.store.save(profile, by=app.authority, at=datetime.now(UTC), why=ChangeCause.DISTANCE.key)
+                self._profile = profile
+            await app.begin_session(profile, config)
+
+    def _stored(self) -> Profile:
+        return self.console_app.store.load(self._profile.identifier)
+
+    async def _show_changed(self, profile: Profile) -> None:
+        """Another person's change is compared before anything moves by it; what was chosen here stays."""
+        source = self.query_one("#distance-source", Select)
+        if source.value == self._profile.distance_source:
+            source.value = profile.distance_source
+        self._profile = profile
+        await self.recompose()
+        self.notify(tr("start.changed"), severity="warning", timeout=15)
 
     def _chosen(self) -> Config:
         """The configuration with these choices. Raises AppError where its inputs don't suit them."""

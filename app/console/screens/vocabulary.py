@@ -125,7 +125,8 @@ class VocabularyScreen(HandKeys):
 
     def follow(self, state: SessionState) -> None:
         report = state.report
-        if report is not None and state.report_fresh and report.captured_ns > self._captured_ns:
+        fresh = report is not None and state.report_fresh and report.detector_ready
+        if report is not None and fresh and report.captured_ns > self._captured_ns:
             self._captured_ns = report.captured_ns
             self._take(update_enrolment(self._enrolment, frame_of(report)))
         self.query_one(GesturePanel).show(state)
@@ -160,9 +161,10 @@ class VocabularyScreen(HandKeys):
 
     async def _keep(self, proof: VocabularyProof) -> None:
         app, now = self.console_app, datetime.now(UTC)
-        model = recognition_hash(app.live_setup().config)
+        setup = app.live_setup()
+        model, hand = recognition_hash(setup.config), setup.profile.hand
         with self.notify_errors():
-            profile = with_evidence(app.store.load(self._profile.identifier), proof, model, now)
+            profile = with_evidence(app.store.load(self._profile.identifier), proof, model, now, hand)
             app.store.save(profile, by=app.authority, at=now, why=ChangeCause.ENROLLED.key)
             app.trail.emit(enrolment_record(profile))
             self._recorded = True

@@ -13,7 +13,7 @@ from app.console.widgets.panel import Line, content_of, plain
 from app.system.vocabulary import VALID_FOR, VocabularyStatus
 from app.text.catalogue import knows, tr
 from kgdfa.gesture import Gesture
-from profiles.palm import reference_segment
+from profiles.palm import calibrated_camera, calibration_for, reference_segment
 from profiles.schema import Profile
 from profiles.store import Change
 
@@ -52,11 +52,12 @@ def describe(
 
 def _figures(profile: Profile, now: datetime) -> list[Line]:
     gait, dose = profile.gait, profile.dose
-    known = reference_segment(profile)
+    camera = calibrated_camera(profile)
+    known, newest = reference_segment(profile, camera=camera), calibration_for(profile, camera)
     return [
         plain(""),
         plain(tr("details.palm", reference_m=known.length_m, source=known.source, error=known.distance_error)),
-        *(plain(tr("details.calibrated", when=ago(one.calibrated_at, now))) for one in profile.calibrations[-1:]),
+        *([plain(tr("details.calibrated", when=ago(newest.calibrated_at, now), camera=camera))] if newest else []),
         plain(tr("details.step", length_m=gait.step_length_m, time_s=gait.step_time_s)),
         plain(tr("details.stair", rise_m=gait.stair_rise_m)),
         plain(tr("details.dose", count=dose.steps, distance_m=dose.distance_m, minutes=dose.duration_s / 60)),
@@ -68,7 +69,7 @@ def _last(last: SessionRecord | None) -> list[Line]:
         return [plain(""), plain(tr("details.never"), "$text-muted")]
     found = [
         plain(""),
-        plain(tr("details.last", at=last.at[:16].replace("T", " ")), "bold"),
+        plain(tr("details.last", at=local_text(last.at)), "bold"),
         plain(tr("details.did", count=last.steps, distance_m=last.distance_m, minutes=last.duration_s / 60)),
     ]
     for name in ("discomfort", "pain", "exertion"):
@@ -106,7 +107,7 @@ def vocabulary_text(profile: Profile, status: VocabularyStatus, key_names: Mappi
     if status is VocabularyStatus.NOT_NEEDED:
         return ""
     gestures = " ".join(tr(Gesture(one.value)) for one in profile.vocabulary)
-    proven_on = profile.evidence.proven_at.date().isoformat() if profile.evidence else ""
+    proven_on = local_text(profile.evidence.proven_at.isoformat())[:10] if profile.evidence else ""
     months = round(VALID_FOR.days / DAYS_A_MONTH)
     return f"{tr('start.vocabulary', gestures=gestures)}\n{tr(status, at=proven_on, months=months, **key_names)}"
 
@@ -155,7 +156,7 @@ def session_lines(sessions: Sequence[SessionRecord]) -> list[Line]:
     """The sessions before the last one, newest first, a line each."""
     return [
         (
-            (f"{one.at[:10]}  ", "$text-muted"),
+            (f"{local_text(one.at)[:10]}  ", "$text-muted"),
             (tr("details.did", count=one.steps, distance_m=one.distance_m, minutes=one.duration_s / 60), ""),
             (f"  “{one.note}”" if one.note else "", "italic"),
         )
@@ -163,10 +164,23 @@ def session_lines(sessions: Sequence[SessionRecord]) -> list[Line]:
     ]
 
 
-def days_since(at: str, now: datetime) -> int:
-    """Whole days of the calendar (UTC) since then; the future is today."""
+def local_time(at: str) -> datetime:
+    """In this computer's time zone; at: ISO 8601, without a zone UTC. Raises ValueError."""
     moment = datetime.fromisoformat(at)
-    return max(0, (now.date() - (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).astimezone(UTC).date()).days)
+    return (moment if moment.tzinfo else moment.replace(tzinfo=UTC)).astimezone()
+
+
+def local_text(at: str) -> str:
+    """Day and minute in this computer's time zone; what is no time as it stands."""
+    try:
+        return f"{local_time(at):%Y-%m-%d %H:%M}"
+    except (ValueError, OverflowError):
+        return at[:16]
+
+
+def days_since(at: str, now: datetime) -> int:
+    """Whole days of the calendar in this computer's time zone since then; the future is today."""
+    return max(0, (now.astimezone().date() - local_time(at).date()).days)
 
 
 def ago(at: str, now: datetime) -> str:

@@ -135,7 +135,7 @@ class Picture(Widget):
             return tr("picture.paused", pause=self._pause_key)
         if state.preview is None:
             return tr("picture.waiting")
-        if not state.report_fresh:
+        if state.report is None or not state.report_fresh or state.report.camera_fault:
             return tr("picture.stale")
         return ""
 

@@ -158,6 +158,18 @@ def test_a_disk_that_takes_half_a_line_keeps_none_of_it(home: Home) -> None:
     assert made.of("P-1") == (record, record)
 
 
+@pytest.mark.parametrize(("cut", "kept"), [(1, ["a", "b", "c"]), (20, ["a", "c"]), (115, ["a", "c"])])
+def test_a_line_that_a_loss_of_power_cut_off_hides_no_other(home: Home, cut: int, kept: list[str]) -> None:
+    made = Records(home.root, SessionRecord)
+    for session in ("a", "b"):
+        made.add(SessionRecord(session=session, patient="P-1", at=""))
+    path = home.root / "P-1.jsonl"
+    path.write_bytes(path.read_bytes()[:-cut])
+    assert "a" in [record.session for record in made.of("P-1")]
+    made.add(SessionRecord(session="c", patient="P-1", at=""))
+    assert [record.session for record in made.of("P-1")] == kept
+
+
 async def test_a_full_disk_loses_nothing_that_was_typed(console: Opener, home: Home) -> None:
     home.root.mkdir(parents=True)
     home.profiles.write_text("a file where the folder should be")

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from datetime import UTC, datetime
+
+import msgspec
 import pytest
-from textual.widgets import Select
+from textual.widgets import Input, Select
 
 from app.console.screens.calibration import CalibrationScreen
 from app.console.screens.checks import Preflight
@@ -21,9 +24,9 @@ from hal.inputs.device import InputDevice, InputRole
 from hal.joints.device import load_exoskeleton
 from kgdfa.press_zone import PressZone
 from logs.journal import CHANGES
-from profiles.schema import DEMO_PATIENT
+from profiles.schema import DEMO_PATIENT, DistanceUsed, HandUsed, Profile
 from profiles.store import ChangeCause, ProfileStore
-from testing.authors import signed_in
+from testing.authors import Named, signed_in
 from tests.app.console.conftest import Console, Opener, wait_until
 
 PROCESS_LIMIT_S = 120.0  # an interpreter, camera, hand model or physics, on a machine that tests other things too
@@ -100,6 +103,53 @@ async def test_a_rehearsal_runs_beside_the_console_and_is_kept(console: Opener, 
         await open_console.press("enter")
         await open_console.until(lambda: not isinstance(open_console.app.screen, Preflight))
         assert preflight_passed(home, patient, device, Action.SIT_DOWN).passed
+
+
+async def test_a_profile_changed_meanwhile_is_shown_before_a_session_begins_with_it(
+    console: Opener, home: Home
+) -> None:
+    store = ProfileStore(home.profiles)
+
+    def change(step_length_m: float, **fields: object) -> Profile:
+        now = store.load("demo")
+        gait = msgspec.structs.replace(now.gait, step_length_m=step_length_m)
+        store.save(msgspec.structs.replace(now, gait=gait, **fields), by=Named("Eve"), at=datetime.now(UTC))
+        return store.load("demo")
+
+    async with console(profile=None) as open_console:
+        app = open_console.app
+        await open_console.shows("demo")
+        changed = change(0.15)
+        await open_console.press("enter")
+        await open_console.shows("Begin (Enter)")
+        await open_console.press("f5")
+        await open_console.until(lambda: isinstance(app.screen, Preflight))
+        assert app.screen._profile == changed  # type: ignore[attr-defined]
+        await open_console.press("escape")
+        await open_console.until(lambda: isinstance(app.screen, StartSession))
+        open_console.type("device", "seed 3")
+        changed = change(0.2, note="left side weak", distance_source=DistanceUsed.BOTH)
+        await open_console.press("ctrl+s")
+        await open_console.tells("changed meanwhile")
+        assert app.live is None
+        await open_console.shows("left side weak")
+        assert app.screen.query_one("#device", Input).value == "seed 3"
+        await open_console.press("ctrl+s")
+        await open_console.until(lambda: app.live is not None)
+        assert app.live_setup().profile == changed
+    assert store.load("demo") == changed
+
+
+@pytest.mark.parametrize("key", ["t", "g"])
+async def test_training_and_enrolment_take_the_profile_as_it_is_stored(console: Opener, home: Home, key: str) -> None:
+    store = ProfileStore(home.profiles)
+    async with console(profile=None) as open_console:
+        await open_console.shows("demo")
+        left = msgspec.structs.replace(store.load("demo"), hand=HandUsed.LEFT)
+        store.save(left, by=Named("Eve"), at=datetime.now(UTC))
+        await open_console.press(key)
+        await open_console.until(lambda: open_console.app.live is not None)
+        assert open_console.app.live_setup().profile.hand is HandUsed.LEFT
 
 
 async def test_the_checks_rehearse_by_a_key_for_real_joints(console: Opener) -> None:

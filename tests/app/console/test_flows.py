@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import threading
 from datetime import UTC, datetime
 
@@ -38,7 +39,7 @@ from profiles.schema import (
 )
 from profiles.store import ChangeCause, ProfileStore
 from testing.authors import Named
-from testing.fake_host import FakeHost, event
+from testing.fake_host import FakeHost, event, walk_steps
 from tests.app.console.conftest import Console, Opener
 
 
@@ -241,6 +242,34 @@ async def test_a_note_is_in_the_trail_once_however_the_console_is_left(
     assert [body for body in noted if isinstance(body, Note)] == [Note(text="tired")]
 
 
+async def test_a_session_that_ends_with_the_program_is_in_the_list(console: Opener) -> None:
+    async with console() as open_console:
+        app = open_console.app
+        walk_steps(open_console.host, 120)
+        await open_console.until(lambda: (state := app.live_state()) and state.snapshot and state.snapshot.steps)
+        await open_console.press("ctrl+q")
+        await open_console.until(lambda: app._exit)
+    (record,) = app.sessions.of("demo")
+    assert (record.session, record.steps, record.distance_m) == (open_console.host.setup.session, 120, 36.0)
+
+
+@pytest.mark.parametrize("case", ["watched", "left held", "not taken over"])
+async def test_a_session_that_goes_on_is_not_in_the_list_yet(console: Opener, case: str) -> None:
+    async with console(read_only=case == "watched") as open_console:
+        app = open_console.app
+        if case == "not taken over":
+            setup = open_console.host.setup
+            open_console.host.setup = msgspec.structs.replace(setup, host_pid=os.getpid())
+            open_console.host.started = False
+        if case == "left held":
+            app._ending._lose_console()
+            await app._leave_now()
+        else:
+            await open_console.press("ctrl+q")
+        await open_console.until(lambda: app._exit)
+    assert app.sessions.of("demo") == ()
+
+
 @pytest.mark.parametrize("key", ["ctrl+c", "ctrl+q"])
 async def test_leaving_a_simulation_takes_one_key(console: Opener, key: str) -> None:
     async with console() as open_console:
@@ -410,6 +439,26 @@ async def test_the_image_pauses_but_the_chain_does_not(console: Opener) -> None:
         await open_console.shows("Picture paused: z resumes")
         await open_console.press("5")
         await open_console.shows(" walk")
+
+
+async def test_the_last_picture_of_a_lost_camera_says_that_none_follows(console: Opener) -> None:
+    async with console() as open_console:
+        await open_console.until(lambda: (state := open_console.app.live_state()) and state.preview)
+        assert tr("picture.stale") not in open_console.text()
+        open_console.host.camera_fault = reason(CameraFault.NO_FRAMES, camera="webcam", silent_s=2.0)
+        await open_console.shows(tr("picture.stale"))
+        open_console.host.camera_fault = None
+        await open_console.until(lambda: tr("picture.stale") not in open_console.text())
+
+
+@pytest.mark.parametrize(("key", "title"), [("t", "act.title"), ("g", "guided.title")])
+async def test_a_list_of_choices_lives_in_a_terminal_of_any_width(console: Opener, key: str, title: str) -> None:
+    async with console() as open_console:
+        await open_console.press(key)
+        for columns, rows in ((8, 24), (7, 24), (4, 24), (1, 24), (1, 1), (80, 24)):
+            await open_console.pilot.resize_terminal(columns, rows)
+            await open_console.pilot.pause()
+        await open_console.shows(tr(title))
 
 
 async def test_a_terminal_made_tiny_and_large_again_shows_all(console: Opener) -> None:

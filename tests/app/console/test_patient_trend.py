@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable, Iterator
 from datetime import UTC, datetime, timedelta
 
 import msgspec
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from app.console.screens.dialogs import history_lines
 from app.console.session_index import Records, SessionRecord
 from app.console.widgets.patient_details import (
     BARS,
@@ -15,20 +19,38 @@ from app.console.widgets.patient_details import (
     PatientOrder,
     ago,
     days_since,
+    describe,
     in_order,
     last_cells,
     session_lines,
     sparkline,
     trend_lines,
+    vocabulary_text,
 )
 from app.system.paths import Home
+from app.system.vocabulary import VocabularyStatus
 from app.text.catalogue import use_language
-from profiles.schema import DEMO_PATIENT
-from profiles.store import ProfileStore
+from profiles.schema import DEMO_PATIENT, Calibration
+from profiles.store import Change, ProfileStore
 from testing.authors import Named
 from tests.app.console.conftest import Opener
+from tests.app.system.test_vocabulary_status import ENROLLED
 
 NOW = datetime(2026, 5, 20, 8, 0, tzinfo=UTC)
+
+
+@pytest.fixture(autouse=True)
+def use_zone() -> Iterator[Callable[[str], None]]:
+    """Sets this process's time zone, UTC at first; POSIX: west of Greenwich is positive."""
+    with pytest.MonkeyPatch.context() as patch:
+
+        def use(name: str) -> None:
+            patch.setenv("TZ", name)
+            time.tzset()
+
+        use("UTC0")
+        yield use
+    time.tzset()
 
 
 def session(patient: str = "P-1", *, days_ago: float = 0, steps: int = 0, pain: int | None = None) -> SessionRecord:
@@ -54,7 +76,7 @@ def test_bars_keep_the_order_of_their_values(values: list[float | None], most: f
 
 def test_days_are_the_calendars() -> None:
     assert days_since("2026-05-19T23:59:00+00:00", NOW) == 1
-    assert days_since("2026-05-20T00:01:00+02:00", NOW) == 1  # still the 19th in UTC
+    assert days_since("2026-05-20T00:01:00+02:00", NOW) == 1  # still the 19th here
     assert days_since("2026-05-18T12:00:00", NOW) == 2
     assert days_since("2026-05-21T12:00:00+00:00", NOW) == 0
     assert [ago((NOW - timedelta(days=days)).isoformat(), NOW) for days in (0, 1, 12)] == [
@@ -64,6 +86,50 @@ def test_days_are_the_calendars() -> None:
     ]
     use_language("zh")
     assert ago((NOW - timedelta(days=3)).isoformat(), NOW) == "3 天前"
+
+
+@pytest.mark.parametrize(
+    ("zone", "when", "moment"), [("CST-8", "today", "2026-05-20 07:10"), ("EST5", "1 day ago", "2026-05-19 18:10")]
+)
+def test_days_and_times_are_those_of_the_computers_zone(
+    use_zone: Callable[[str], None], zone: str, when: str, moment: str
+) -> None:
+    use_zone(zone)
+    at = "2026-05-19T23:10:00+00:00"
+    record = SessionRecord(session="S", patient="P-1", at=at)
+    change = Change(at=at, by="Bea", changes={})
+    assert ENROLLED.evidence is not None
+    proven = msgspec.structs.replace(ENROLLED.evidence, proven_at=datetime.fromisoformat(at))
+    enrolled = msgspec.structs.replace(ENROLLED, evidence=proven)
+    assert last_cells((record,), NOW)[0] == when
+    assert f"Last session {moment}\n" in str(describe(DEMO_PATIENT, (), (record,), NOW))
+    assert session_lines((record, record))[0][0][0].strip() == moment[:10]
+    assert history_lines((change,))[0][0][0] == f"{moment}  Bea"
+    assert vocabulary_text(enrolled, VocabularyStatus.VALID, {}).endswith(f"proven on {moment[:10]}")
+
+
+def test_a_time_that_is_none_stands_in_the_history_as_it_is() -> None:
+    assert history_lines((Change(at="some day", by="Bea", changes={}),))[0][0][0] == "some day  Bea"
+
+
+def test_a_palm_is_as_accurate_as_its_newest_calibration_whose_camera_is_named() -> None:
+    newest = Calibration(
+        camera="webcam",
+        focal_anchor_px_m=36.0,
+        focal_px=600.0,
+        distance_m=0.36,
+        residual=0.01,
+        calibrated_at="2026-05-20T06:00:00+00:00",
+    )
+    older = msgspec.structs.replace(
+        newest, camera="other", focal_anchor_px_m=38.0, calibrated_at="2026-05-01T06:00:00+00:00"
+    )
+    without = str(describe(DEMO_PATIENT, (), (), NOW))
+    assert "estimated: distance ± 4 %" in without
+    assert "Palm calibrated" not in without
+    calibrated = msgspec.structs.replace(DEMO_PATIENT, calibrations=(newest, older))
+    text = str(describe(calibrated, (), (), NOW))
+    assert "Reference segment 6.0 cm, calibrated: distance ± 1 %\nPalm calibrated today with webcam\n" in text
 
 
 def test_who_has_waited_longest_comes_first() -> None:

@@ -243,7 +243,7 @@ async def test_a_pin_that_is_entered_twice_signs_in_once(console: Opener, home: 
         await open_console.press("h")
         await open_console.shows("No changes recorded.")
         assert isinstance(app.screen_stack[-2], PatientsScreen)
-    tried = [body for body in app.trail._waiting if isinstance(body, (SignIn, SignInFailed))]
+    tried = [one.body for one in app.trail._waiting if isinstance(one.body, (SignIn, SignInFailed))]
     assert tried == [SignIn(name="Ada", role="engineer", unlocked=False)]
 
 
@@ -275,7 +275,7 @@ async def test_help_that_opens_while_a_pin_is_tried_does_not_keep_the_console_lo
             while not isinstance(app.screen, HelpPage):
                 await asyncio.sleep(0.01)
         answered.set()
-        await open_console.until(lambda: [one for one in app.trail._waiting if isinstance(one, SignIn)])
+        await open_console.until(lambda: [one for one in app.trail._waiting if isinstance(one.body, SignIn)])
         assert lock in app.screen_stack
         await open_console.press("escape")
         await open_console.until(lambda: isinstance(app.screen, PatientsScreen))

@@ -9,12 +9,13 @@ import msgspec
 import pytest
 
 from app.console.app import ConsoleApp, run_console
+from app.console.screens.patients import PatientsScreen
 from app.console.screens.session import SessionScreen
 from app.console.screens.signin import SignInDialog
 from app.ipc.messages import OperatorKind
 from app.session.host import make_setup
 from app.session.shared import current_lease, take_lease
-from app.system.config import Config, JointsConfig, SessionSetup
+from app.system.config import Config, JointsConfig, Purpose, SessionSetup
 from app.system.operators import Role, add_operator, load_store, may_take_over, save_store
 from app.system.paths import Home
 from logs.journal import OPERATORS
@@ -123,6 +124,27 @@ async def test_a_session_that_is_taken_over_counts_its_time_from_its_own_begin(
     assert 600 <= record.duration_s < 600 + LIMIT_S
 
 
+@pytest.mark.parametrize(("purpose", "key"), [("training", "t"), ("enrolment", "g")])
+async def test_a_held_training_or_enrolment_is_ended_and_never_armed(
+    console: Opener, held: SessionSetup, home: Home, purpose: Purpose, key: str
+) -> None:
+    async with console(profile=None) as open_console:
+        await open_console.shows("demo")
+        open_console.app.signed_in = signed_in(home, Role.THERAPIST)
+        await open_console.press(key)
+        await open_console.until(lambda: open_console.app.live is not None)
+        setup = open_console.app.live_setup()
+    assert setup.purpose == purpose
+    async with console(held=msgspec.structs.replace(setup, host_pid=os.getpid()), config=held.config) as open_console:
+        app = open_console.app
+        await open_console.until(lambda: isinstance(app.screen, PatientsScreen))
+        await open_console.tells("being ended")
+        assert (open_console.host.started, open_console.host.closed) == (True, True)
+        assert OperatorKind.ARM not in open_console.host.kinds()
+        assert app.live is None
+        assert app.sessions.of("demo") == ()
+
+
 def test_who_leaves_before_the_takeover_is_done_reads_that_the_session_stays(
     held: SessionSetup, home: Home, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -130,8 +152,15 @@ def test_who_leaves_before_the_takeover_is_done_reads_that_the_session_stays(
     first = take_lease(running.links)
     monkeypatch.setattr("app.session.shared.held_session", lambda _: running)
     monkeypatch.setattr("app.console.app.set_scheduling", lambda _: True)
-    monkeypatch.setattr(ConsoleApp, "run", lambda app: app._live_of(running))  # Ctrl-Q before anything else
+    shown: list[Config] = []
+
+    def leave(app: ConsoleApp) -> None:  # Ctrl-Q before anything else
+        app._live_of(running)
+        shown.append(app.config)
+
+    monkeypatch.setattr(ConsoleApp, "run", leave)
     run_console(home, Config())
+    assert shown == [Config()], "what was chosen for the held session is for that one alone"
     assert current_lease(running.links) == first
     reported = capsys.readouterr().err
     assert "`rleex run` takes it over" in reported

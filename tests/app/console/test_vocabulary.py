@@ -23,9 +23,9 @@ from kgdfa.vocabulary import MOST_FRAMES, OTHER_HAND_FRAMES, PARTS, VocabularyPr
 from logs.reason import Reason, reason
 from logs.records import Body, Note, VocabularyEnrolled
 from profiles.files import encode
-from profiles.schema import DEMO_PATIENT, GestureUsed
+from profiles.schema import DEMO_PATIENT, GestureUsed, HandUsed
 from profiles.store import ChangeCause
-from testing.authors import signed_in
+from testing.authors import Named, signed_in
 from tests.app.console.conftest import Console, Opener
 from tests.app.system.test_vocabulary_status import PROOF
 
@@ -137,7 +137,7 @@ def unlike(*parts: int) -> Show:
 OTHER: dict[str, object] = {"hand": False, "hand_refusal": reason(HandRefusal.TWO_HANDS, share=0.9, limit=0.75)}
 REFUSED: dict[str, tuple[Show, str]] = {
     "OTHER_HAND": (lambda part, at: OTHER if at < OTHER_HAND_FRAMES else perfect(part, at), "Another hand"),
-    "ABANDONED": (lambda *_: {"hand": False}, "left before its end"),
+    "NO_HAND": (lambda *_: {"hand": False}, "hand did not come into view"),
     "TOO_FEW_FRAMES": (lambda part, at: {"hand": at < 60, "raw_gesture": part}, "of 60 frames showed the hand"),
     "CONTRADICTORY": (unlike(3), "100% of one showing and 0% of the other"),
     "IDLE_TAKEN": (lambda part, _: {"hand": True, "raw_gesture": part or G.FIVE}, "most for 5"),
@@ -165,6 +165,35 @@ async def test_every_refusal_is_told_and_recorded_once_and_the_old_vocabulary_st
     assert isinstance(record.reason, Reason)
     assert record.reason.code == f"VocabularyFault.{name}"
     assert record.vocabulary == tuple(one.value for one in GestureUsed)
+
+
+async def test_frames_from_before_the_hand_model_is_there_do_not_count(
+    console: Opener, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with console(profile=None) as open_console:
+        app, kept = open_console.app, list[Body]()
+        await opened(open_console, kept, monkeypatch)
+        before = enrolling(app)._enrolment.frames
+        show_frames(app, lambda *_: {"hand": False, "detector_ready": False})
+        assert enrolling(app)._enrolment.frames == before
+        show_frames(app, perfect, 50)
+        assert enrolling(app)._enrolment.frames == before + 50
+
+
+async def test_the_hand_that_was_shown_is_kept_even_if_another_commands_by_now(
+    console: Opener, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    async with console(profile=None) as open_console:
+        app = open_console.app
+        await opened(open_console, [], monkeypatch)
+        show_frames(app, perfect)
+        changed = msgspec.structs.replace(DEMO_PATIENT, hand=HandUsed.LEFT)
+        app.store.save(changed, by=Named(""), at=datetime.now(UTC))  # from another terminal
+        await open_console.press("ctrl+s")
+        await open_console.until(lambda: isinstance(app.screen, PatientsScreen))
+        profile = app.store.load("demo")
+    assert profile.evidence is not None
+    assert (profile.hand, profile.evidence.hand) == (HandUsed.LEFT, HandUsed.RIGHT)
 
 
 @pytest.mark.parametrize("whole", [False, True])
@@ -221,11 +250,18 @@ def test_only_another_hand_is_another_hand(refusal: HandRefusal) -> None:
     assert shown.other_hand is (refusal in other)
 
 
-@pytest.mark.parametrize(("age", "text"), [(timedelta(), "✓ proven on"), (VALID_FOR * 2, "more than 3 months ago")])
+@pytest.mark.parametrize(
+    ("age", "hand", "text"),
+    [
+        (timedelta(), HandUsed.RIGHT, "✓ proven on"),
+        (VALID_FOR * 2, HandUsed.RIGHT, "more than 3 months ago"),
+        (timedelta(), HandUsed.LEFT, "not proven for the hand that commands"),
+    ],
+)
 async def test_the_start_screen_and_the_checks_tell_whether_it_is_proven(
-    console: Opener, home: Home, age: timedelta, text: str
+    console: Opener, home: Home, age: timedelta, hand: HandUsed, text: str
 ) -> None:
-    enrolled = with_evidence(DEMO_PATIENT, PROOF, recognition_hash(Config()), datetime.now(UTC) - age)
+    enrolled = with_evidence(DEMO_PATIENT, PROOF, recognition_hash(Config()), datetime.now(UTC) - age, hand)
     home.profiles.mkdir(parents=True)
     (home.profiles / "demo.toml").write_text(encode(enrolled))
     async with console(profile=None, size=(130, 40)) as open_console:
@@ -238,4 +274,4 @@ async def test_the_start_screen_and_the_checks_tell_whether_it_is_proven(
         state = app.live_state()
         assert state is not None
         lights = results(state)
-        assert lights["vocabulary"] is (Light.AMBER if age else Light.GREEN)
+        assert lights["vocabulary"] is (Light.GREEN if text.startswith("✓") else Light.AMBER)

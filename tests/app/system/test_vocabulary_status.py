@@ -22,7 +22,7 @@ from kgdfa.gesture import Gesture
 from kgdfa.vocabulary import GestureCounts, VocabularyProof
 from profiles.errors import ProfileError
 from profiles.files import decode, encode
-from profiles.schema import DEMO_PATIENT, GestureUsed, Profile
+from profiles.schema import DEMO_PATIENT, GestureUsed, HandUsed, Profile
 
 AT = datetime(2026, 3, 1, 9, 30, tzinfo=UTC)
 MODEL = "ab" * 32
@@ -35,7 +35,11 @@ PROOF = VocabularyProof(
     idle_frames=200,
     idle_taken=2,
 )
-ENROLLED = with_evidence(DEMO_PATIENT, PROOF, MODEL, AT)
+ENROLLED = with_evidence(DEMO_PATIENT, PROOF, MODEL, AT, HandUsed.RIGHT)
+assert ENROLLED.evidence is not None
+OF_UNKNOWN_HAND = msgspec.structs.replace(
+    ENROLLED, evidence=msgspec.structs.replace(ENROLLED.evidence, hand=None)
+)  # as before it was kept
 
 
 def status(profile: Profile, model: str = MODEL, after: timedelta = timedelta()) -> VocabularyStatus:
@@ -48,6 +52,7 @@ def test_the_profile_s_file_holds_date_counts_bounds_and_model() -> None:
     assert vocabulary_of(ENROLLED) == {Gesture.ZERO}
     for part in (
         'vocabulary = "0"',
+        'hand = "right"',
         "2026-03-01",
         MODEL,
         "recognised = 118",
@@ -56,6 +61,7 @@ def test_the_profile_s_file_holds_date_counts_bounds_and_model() -> None:
     ):
         assert part in text
     assert decode(encode(DEMO_PATIENT, text), "") == DEMO_PATIENT, "and it can be taken away again"
+    assert decode(encode(OF_UNKNOWN_HAND), "") == OF_UNKNOWN_HAND
 
 
 @pytest.mark.parametrize(
@@ -91,6 +97,13 @@ def test_evidence_that_can_not_be_is_refused(wrong: str) -> None:
         (ENROLLED, MODEL, timedelta(days=-1), VocabularyStatus.TOO_OLD),
         (ENROLLED, "cd" * 32, timedelta(), VocabularyStatus.OTHER_MODEL),
         (
+            msgspec.structs.replace(ENROLLED, hand=HandUsed.LEFT),
+            MODEL,
+            timedelta(),
+            VocabularyStatus.OTHER_HAND,
+        ),
+        (OF_UNKNOWN_HAND, MODEL, timedelta(), VocabularyStatus.OTHER_HAND),
+        (
             msgspec.structs.replace(ENROLLED, vocabulary=(GestureUsed.ZERO, GestureUsed.NINE)),
             MODEL,
             timedelta(),
@@ -98,7 +111,7 @@ def test_evidence_that_can_not_be_is_refused(wrong: str) -> None:
         ),
     ],
 )
-def test_it_ages_by_time_by_model_and_by_what_is_added(
+def test_it_ages_by_time_by_model_by_hand_and_by_what_is_added(
     profile: Profile, model: str, after: timedelta, expected: VocabularyStatus
 ) -> None:
     assert status(profile, model, after) is expected
