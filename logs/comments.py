@@ -5,13 +5,17 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum, auto
+from itertools import islice
 from pathlib import Path
 
+from logs.errors import AuditError, AuditFault
 from logs.findings import Finding, Status
 from logs.journal import COMMENTS, parts_of
-from logs.read import records
+from logs.read import understand
+from logs.reading.errors import cause_of
 from logs.reason import Reason, reason
 from logs.records import Comment, Record
+from logs.scan import lines_that_hold, scan_file
 from logs.verify import Evidence, verify
 
 
@@ -43,7 +47,7 @@ def comments_on(session: Path, evidence: Evidence, hash_of: Callable[[int], str 
         file = finding.file.name
         if finding.status is not Status.SOUND:
             hidden.append(reason(Hidden.NOT_SOUND, file=file, status=finding.status, why=finding.reason))
-        found = [record for record in _that_hold(finding) if isinstance(record.body, Comment)]
+        found = [record for record in _that_hold(finding, evidence) if isinstance(record.body, Comment)]
         about = [record for record in found if _is_about(record.body, hash_of)]
         shown += about
         if len(about) < len(found):
@@ -51,13 +55,17 @@ def comments_on(session: Path, evidence: Evidence, hash_of: Callable[[int], str 
     return Comments(records=tuple(shown), hidden=tuple(hidden))
 
 
-def _that_hold(finding: Finding) -> list[Record]:
+def _that_hold(finding: Finding, evidence: Evidence) -> list[Record]:
     """Those of a sound file, and those of an incomplete one that a signature covers: a crash tears only the end."""
-    if finding.status is Status.SOUND:
-        return records(finding.file)
-    if finding.status is Status.INCOMPLETE:
-        return [record for record in records(finding.file) if record.sequence < finding.proven]
-    return []
+    holding = {Status.SOUND: finding.records, Status.INCOMPLETE: finding.proven}.get(finding.status, 0)
+    if not holding:
+        return []
+    try:
+        lines = lines_that_hold(finding.file, scan_file(finding.file, evidence.keys))
+        found = [understand(line, number) for number, line in enumerate(islice(lines, holding), start=1)]
+    except OSError as error:
+        raise AuditError(AuditFault.TRAIL_UNREADABLE, path=finding.file, detail=cause_of(error)) from error
+    return [record for record in found if isinstance(record, Record)]
 
 
 def _is_about(comment: object, hash_of: Callable[[int], str | None]) -> bool:

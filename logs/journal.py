@@ -14,7 +14,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import Enum, auto
-from functools import partial
 from hashlib import sha256
 from pathlib import Path
 
@@ -23,12 +22,12 @@ import msgspec
 from logs.disk import Disk
 from logs.errors import AuditError, AuditFault
 from logs.keys import Anchor, ConsoleKey, by_fingerprint, read_anchors, write_anchor
-from logs.line import GENESIS, MAX_LINE, SIGNED_KINDS, is_whole, unseal
+from logs.line import GENESIS, MAX_LINE, SIGNED_KINDS, unseal
 from logs.reading.errors import UNDECODABLE, cause_of
 from logs.reading.regular import open_regular
 from logs.reason import Reason, reason
 from logs.records import Body, Checkpoint, Entry, LogRecovered, decode_record
-from logs.scan import Scan, scan_file
+from logs.scan import Scan, lines_that_hold, scan_file
 from logs.trail import Chain, DiskFault, Trail, open_logger
 
 MANIFEST = "manifest.jsonl"
@@ -110,7 +109,7 @@ def misplaced(path: Path, scan: Scan) -> Reason | None:
     names = {f"comments {name}" for name in (session, parted(session)[0])}
     if session != stem and scan.records and scan.session not in names:
         return reason(Misplaced.COMMENTS_OF_OTHER, session=scan.session.removeprefix("comments "))
-    if number == 1 or (begin := first_body(path)) is None:
+    if number == 1 or (begin := first_body(path, scan)) is None:
         return None
     former = f"{stem}.jsonl" if number == 2 else f"{stem}-{number - 1}.jsonl"
     # Its own name: the first record was torn.
@@ -119,14 +118,12 @@ def misplaced(path: Path, scan: Scan) -> Reason | None:
     return reason(Misplaced.PART_ADDED, former=former)
 
 
-def first_body(path: Path) -> Body | None:
-    """Of the first whole line; None where there is none, or of another version."""
-    with open_regular(path) as file:
-        lines = iter(partial(file.readline, MAX_LINE), b"")
-        try:
-            return next((decode_record(line).body for line in lines if is_whole(line)), None)
-        except UNDECODABLE:
-            return None
+def first_body(path: Path, scan: Scan) -> Body | None:
+    """Of the first record that holds; None where there is none, or of another version."""
+    try:
+        return next((decode_record(line).body for line in lines_that_hold(path, scan)), None)
+    except UNDECODABLE:
+        return None
 
 
 def _digest(content: bytes) -> str:

@@ -6,19 +6,18 @@ a new one begun, whose first entry records that.
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping
+from collections.abc import Container, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from logs.disk import Disk, is_being_written
 from logs.journal import MANIFEST, Found, Moment, current_part, found_torn, keep_end, open_part, parts_of
 from logs.keys import ConsoleKey, PublicKey, by_fingerprint
-from logs.line import GENESIS, MAX_LINE, is_whole
+from logs.line import GENESIS
 from logs.reading.errors import UNDECODABLE
-from logs.reading.regular import open_regular
 from logs.reason import Reason, reason
 from logs.records import LogClosed, LogOpened, LogRecovered, decode_record
-from logs.scan import Scan, scan_file
+from logs.scan import Scan, lines_that_hold, scan_file
 from logs.trail import open_logger
 
 MANIFEST_SESSION = "manifest"
@@ -53,24 +52,19 @@ def read_listings(folder: Path, keys: Mapping[str, PublicKey], trusted: Containe
         scan = scan_file(path, keys)
         listing.signers |= scan.signers
         listing.parts += 1
-        _read_into(listing, path, scan.records, trusted)
+        _read_into(listing, lines_that_hold(path, scan), trusted)
     return listing
 
 
-def _read_into(listing: Listing, path: Path, records: int, trusted: Container[str] | None) -> None:
-    taken = 0
-    with open_regular(path) as file:
-        while taken < records and (line := file.readline(MAX_LINE)):
-            if not is_whole(line):
-                continue  # of a torn tail that a later entry explains: a line there can read like an entry
-            taken += 1
-            try:
-                record = decode_record(line)
-            except UNDECODABLE:
-                continue  # a newer version's
-            listing.hashes.append(record.hash)
-            if isinstance(record.body, _LogEntry) and (trusted is None or record.body.key in trusted):
-                _note(listing, record.body)
+def _read_into(listing: Listing, lines: Iterable[bytes], trusted: Container[str] | None) -> None:
+    for line in lines:
+        try:
+            record = decode_record(line)
+        except UNDECODABLE:
+            continue  # a newer version's
+        listing.hashes.append(record.hash)
+        if isinstance(record.body, _LogEntry) and (trusted is None or record.body.key in trusted):
+            _note(listing, record.body)
 
 
 def _note(listing: Listing, entry: _LogEntry) -> None:

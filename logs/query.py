@@ -23,7 +23,7 @@ from rich.table import Table
 from rich.text import Text
 
 from logs.errors import AuditError, AuditFault
-from logs.line import MAX_LINE
+from logs.line import MAX_LINE, SEAL_LENGTH
 from logs.read import session_paths
 from logs.reading.errors import cause_of
 from logs.reading.regular import open_regular
@@ -53,15 +53,21 @@ _LIMITS: dict[str, str | int | float | list[str]] = {
 }
 _LOCKS = ("SET enable_external_access = false", "SET lock_configuration = true")
 MOST_ROWS = 500  # on a screen; JSON has them all
-_ENVELOPE = (
-    "body: 'JSON', monotonic_ns: 'BIGINT', operator: 'VARCHAR', process: 'VARCHAR', "
-    "schema: 'BIGINT', sequence: 'BIGINT', session: 'VARCHAR', wall: 'VARCHAR'"
-)
+_ENVELOPE = {
+    "session": "VARCHAR",
+    "sequence": "BIGINT",
+    "wall": "VARCHAR",
+    "monotonic_ns": "BIGINT",
+    "process": "VARCHAR",
+    "operator": "VARCHAR",
+    "schema": "BIGINT",
+}
+SEAL = SEAL_LENGTH - 1  # characters behind the hashed text, which lacks its last brace; without the line end
 _NAMES = ("sign-in", "sign-out", "sign-in-failed", "operator-changed")  # kinds whose body names operators
 
 
 # The columns of the table; what lacks one is none that `export` wrote.
-ENVELOPE_COLUMNS = ["file", "session", "sequence", "wall", "monotonic_ns", "process", "operator", "schema", "patient"]
+ENVELOPE_COLUMNS = ["file", *_ENVELOPE, "patient"]
 AS_EXPORTED = {*ENVELOPE_COLUMNS, *BODY_COLUMNS, "body"}
 
 # The ready questions: standard SQL over the table of records. Of a session on two computers there are two files, of
@@ -322,19 +328,21 @@ def check_regular(path: Path) -> None:
 
 
 def _trails_sql(listed: str) -> str:
-    """The flat table over JSON Lines. A line that is no JSON (a torn tail) becomes no row."""
-    columns = ", ".join(f"TRY_CAST(body->>'$.{name}' AS {kind}) AS {name}" for name, kind in BODY_COLUMNS.items())
+    """The flat table over JSON Lines. A line that does not match its hash (changed, torn, no JSON) becomes no row."""
+    line = "CAST(json AS VARCHAR)"
+    shape = json.dumps(_ENVELOPE | {"body": BODY_COLUMNS | {"patient": "VARCHAR"}})
+    columns = [f"record.{name}" for name in _ENVELOPE] + ["coalesce(patient, '') AS patient"]
+    columns += [f"record.body.{name}" for name in BODY_COLUMNS]
     return f"""
-        WITH raw AS (
-            SELECT * FROM read_json([{listed}], format='newline_delimited', ignore_errors=true, filename='file',
-                                    maximum_object_size={MAX_LINE}, columns={{{_ENVELOPE}}})
-            WHERE session IS NOT NULL
+        WITH whole AS (
+            SELECT file, json, from_json(json, {quoted(shape)}) AS record
+            FROM read_ndjson_objects([{listed}], ignore_errors=true, filename='file', maximum_object_size={MAX_LINE})
+            WHERE right({line}, {SEAL}) = ',"hash":"' || sha256(left({line}, -{SEAL}) || '}}') || '"}}'
         ),
         patients AS (
-            SELECT file AS of_file, any_value(body->>'$.patient') AS patient
-            FROM raw WHERE body->>'$.kind' = 'patient' GROUP BY file
+            SELECT file AS of_file, any_value(record.body.patient) AS patient
+            FROM whole WHERE record.body.kind = 'patient' GROUP BY file
         )
-        SELECT file, session, sequence, wall, monotonic_ns, process, operator, schema, coalesce(patient, '') AS patient,
-               {columns}, CAST(body AS VARCHAR) AS body
-        FROM raw LEFT JOIN patients ON of_file = file
+        SELECT file, {", ".join(columns)}, CAST(json->'$.body' AS VARCHAR) AS body
+        FROM whole LEFT JOIN patients ON of_file = file WHERE record.session IS NOT NULL
     """

@@ -12,7 +12,7 @@ from pathlib import Path
 import msgspec
 
 from logs.errors import AuditError, AuditFault
-from logs.journal import parted
+from logs.journal import is_journal, parted
 from logs.line import MAX_LINE, is_whole
 from logs.reading.errors import UNDECODABLE, cause_of
 from logs.reading.regular import open_regular
@@ -27,6 +27,7 @@ from logs.records import (
     Stop,
     decode_record,
 )
+from logs.scan import Scan, in_tear, scan_file
 from logs.verify import is_session
 
 _BEGINNING = 200  # records; every process begins and the patient is chosen within the first dozens
@@ -45,16 +46,18 @@ class UnreadableLine:
 
 
 def read(path: Path) -> Iterator[Record | UnreadableLine]:
-    """Every line of a trail, in order. Raises AuditError when the file can't be read."""
-    return (understand(line, number) for number, line in _lines(path))
+    """Every line of a trail, in order. Raises AuditError when the file can't be read.
 
-
-def _lines(path: Path) -> Iterator[tuple[int, bytes]]:
+    In a journal's torn tail that a later record explains, as far as the chain alone shows, no line is a record.
+    """
     try:
+        scan = scan_file(path, {}) if is_journal(path) else Scan()
         with open_regular(path) as file:
             for number, line in enumerate(iter(partial(file.readline, MAX_LINE), b""), start=1):
-                if line != b"\n":
-                    yield number, line
+                if in_tear(scan, number):
+                    yield _unreadable_line(line, number, "torn")
+                elif line != b"\n":
+                    yield understand(line, number)
     except OSError as error:
         raise AuditError(AuditFault.TRAIL_UNREADABLE, path=path, detail=cause_of(error)) from error
 

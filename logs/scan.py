@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum, auto
 from functools import partial
 from hashlib import sha256
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, BinaryIO
 
@@ -86,7 +87,7 @@ class Scan:
     torn_bytes: int = 0
     torn_sha256: str = ""
     unended_hash: str = ""  # of the torn tail, where it is the next record and lacks only its line end
-    explained_tears: int = 0  # torn tails that a later signed record explains
+    tears: list[range] = field(default_factory=list)  # lines of torn tails that a later signed record explains
     closed: bool = False  # ends with a closing checkpoint
     proven: int = 0  # records covered by the newest good signature
     signers: set[str] = field(default_factory=set)  # keys that its signatures name
@@ -126,6 +127,21 @@ def scan_stream(file: BinaryIO, keys: Mapping[str, PublicKey], progress: Progres
     return scan
 
 
+def lines_that_hold(path: Path, scan: Scan) -> Iterator[bytes]:
+    """The records that the scan of this file found; none in a torn tail, where a line can read like one.
+
+    Raises OSError.
+    """
+    with open_regular(path) as file:
+        lines = enumerate(iter(partial(file.readline, MAX_LINE), b""), start=1)
+        yield from islice((line for number, line in lines if not in_tear(scan, number)), scan.records)
+
+
+def in_tear(scan: Scan, number: int) -> bool:
+    """Whether the line, counted from 1, is of a torn tail that a later signed record explains."""
+    return any(number in tear for tear in scan.tears)
+
+
 class _Tear:
     """The stretch behind the last good record, until a signed record explains it or the file ends."""
 
@@ -142,19 +158,19 @@ class _Tear:
         self._hash.update(line[:-1])
         self._last = line[-1:]
         self._size += len(line)
-        if is_whole(line.removesuffix(b"\n") + b"\n"):  # the line end that is put behind a tail makes it whole
+        if is_whole(line):
             self._holds_whole_line = True
 
     def is_explained_by(self, scan: Scan, line: bytes, number: int, keys: Mapping[str, PublicKey]) -> bool:
         """Whether this line is the next record and its signed text describes exactly these bytes."""
-        if self._holds_whole_line or self._last != b"\n" or (head := head_of(line)) is None:
+        if self._last != b"\n" or (head := head_of(line)) is None:
             return False
         described = (head.body.torn_bytes, head.body.torn_sha256)
         if head.body.kind != "log-recovered" or described != (self._size - 1, self._hash.hexdigest()):
             return False
         if _take(scan, line, number, keys) is not None:
             return False
-        scan.explained_tears += 1
+        scan.tears.append(range(self._fault.line, number))
         return True
 
     def report(self, scan: Scan, keys: Mapping[str, PublicKey]) -> None:
@@ -162,7 +178,7 @@ class _Tear:
             scan.unended_hash = _hash_when_ended(scan, self._first, keys)
         self._hash.update(self._last)
         scan.fault = self._fault
-        scan.is_torn = bool(scan.unended_hash) or not self._holds_whole_line
+        scan.is_torn = not self._holds_whole_line
         scan.torn_bytes = self._size
         scan.torn_sha256 = self._hash.hexdigest()
         scan.closed = False

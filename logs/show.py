@@ -11,7 +11,7 @@ import msgspec
 from rich.text import Text
 
 from logs import records as r
-from logs.read import UnreadableLine
+from logs.read import NOT_A_RECORD, NOT_UNDERSTOOD, UnreadableLine
 from logs.reason import Reason, Render, sanitize_terminal, text_of
 from logs.records import Body, PatientChosen, Record
 
@@ -63,6 +63,8 @@ EVENTS: dict[str, str] = {
 }
 
 
+_PATIENT = str(PatientChosen.__struct_config__.tag)
+_UNREADABLE = (NOT_A_RECORD, NOT_UNDERSTOOD)  # their kind can't be read
 CAUSES = {"reason", "text", "detail", "explanation"}  # fields with a reason, which may be none
 UNKNOWN = "–"
 # For colours; a kind that is not named has none.
@@ -148,23 +150,28 @@ class Filter:
 
 
 class RecordSelector:
-    """Lets records pass; it remembers the patient, which only one record of a session names."""
+    """Lets records pass; it remembers the patient, which only one record of a session names.
+
+    Where that one can't be read, the session may be any patient's.
+    """
 
     def __init__(self, wanted: Filter) -> None:
         self._wanted = wanted
-        self._patient = ""
+        self._patient: str | None = ""  # None: the line that names the patient can't be read
 
     def passes(self, record: Record | UnreadableLine) -> bool:
         """Whether to show it; an odd line is never held back by what can't be read in it."""
+        wanted = self._wanted
         if isinstance(record, UnreadableLine):
-            return not self._wanted.kinds
+            if not self._patient and record.kind in (_PATIENT, *_UNREADABLE):
+                self._patient = None
+            return not wanted.kinds or record.kind in (*wanted.kinds, *_UNREADABLE)
         if isinstance(record.body, PatientChosen):
             self._patient = record.body.patient
-        wanted = self._wanted
         return (
             (not wanted.since or record.wall >= wanted.since)
             and (not wanted.until or record.wall[: len(wanted.until)] <= wanted.until)
-            and _begins(self._patient, wanted.patient)
+            and (self._patient is None or _begins(self._patient, wanted.patient))
             and _begins(record.operator, wanted.operator)
             and (not wanted.kinds or kind_of(record.body) in wanted.kinds)
             and _any_begins(record.body, ("state", "from_state", "to_state"), wanted.state)

@@ -15,7 +15,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from logs.errors import AuditError, AuditFault
-from logs.query import ANSWER_BYTES, BODY_COLUMNS, ENVELOPE_COLUMNS, check_question, first_line, open_limited
+from logs.query import ANSWER_BYTES, BODY_COLUMNS, ENVELOPE_COLUMNS, SEAL, check_question, first_line, open_limited
 from logs.reading.errors import cause_of
 from logs.sites import Site
 
@@ -26,6 +26,9 @@ _ENVELOPE = (
 )
 # The body as the trail has it: Spark's reader of JSON would write numbers anew. Keys are sorted, quotes escaped.
 _BODY = r'^\{"body":(.*),"monotonic_ns":\d+,"operator":'
+_TEXT = f"length(value) - {SEAL}"  # characters of the line before its seal
+_WHOLE = f"""substring(value, {_TEXT} + 1) =
+             concat(',"hash":"', sha2(concat(left(value, {_TEXT}), '}}'), 256), '"}}')"""
 # Functions of Spark's SQL that call into the Java machine.
 _CALLS_OUT = re.compile(r"\b(reflect|java_method|try_reflect)\b", re.IGNORECASE)
 _SETTINGS = {
@@ -110,11 +113,11 @@ def load_sites(session: Any, sites: Sequence[Site]) -> None:
 
 
 def _trails(session: Any, site: Site) -> Any:
-    """The flat table over JSON Lines, as `logs.query` makes it. A line that is no JSON becomes no row."""
+    """The flat table over JSON Lines, as `logs.query` makes it. A line that does not match its hash becomes no row."""
     from pyspark.sql import functions as f
 
     body = ", ".join(f"{name} {_TYPES[kind]}" for name, kind in BODY_COLUMNS.items())
-    lines = session.read.text(_addresses(site))
+    lines = session.read.text(_addresses(site)).where(_WHOLE)
     envelope = f.from_json("value", _ENVELOPE).alias("envelope")
     split = lines.select(envelope, f.regexp_extract("value", _BODY, 1).alias("body"), f.input_file_name().alias("file"))
     raw = split.select("envelope.*", "body", "file").where("session IS NOT NULL AND wall IS NOT NULL")

@@ -96,7 +96,7 @@ def _is_foreign(path: Path, scan: Scan, evidence: Evidence) -> bool:
 def _assess_journal(finding: Finding, scan: Scan, evidence: Evidence) -> Finding:
     anchor = evidence.anchors.get(finding.file.name)
     holds = scan.fault is None or scan.is_torn
-    if holds and anchor is not None and part_is_cut(finding.file, anchor):
+    if holds and anchor is not None and anchor.hash != scan.unended_hash and part_is_cut(finding.file, anchor):
         cut = reason(Verdict.JOURNAL_CUT, remembered=anchor.entries, found=scan.records)
         return _bad(finding, scan, Status.TAMPERED, cut)
     if holds and (wrong := misplaced(finding.file, scan)) is not None:
@@ -174,7 +174,7 @@ def _against_recovery(finding: Finding, scan: Scan, end: LogRecovered) -> Findin
 
 def _wrong_history(path: Path, scan: Scan, listing: Listing) -> Reason | None:
     """The first record names the newest entry that the manifest had: it must still be there."""
-    body = first_body(path) if scan.records else None
+    body = first_body(path, scan)
     if not isinstance(body, SessionStart) or body.history_hash in ("", GENESIS):
         return None
     if body.history_hash in listing.hashes:
@@ -196,8 +196,8 @@ def _remarks(scan: Scan, evidence: Evidence) -> tuple[Reason, ...]:
     remarks = []
     if scan.newer_schema:
         remarks.append(reason(Remark.NEWER_SCHEMA, schema=scan.newer_schema, known=SCHEMA))
-    if scan.explained_tears:
-        remarks.append(reason(Remark.TEARS_EXPLAINED, tears=scan.explained_tears))
+    if scan.tears:
+        remarks.append(reason(Remark.TEARS_EXPLAINED, tears=len(scan.tears)))
     if scan.unknown_keys and not evidence.keys:
         remarks.append(reason(Remark.KEY_NOT_CHECKED, keys=_keys(scan.unknown_keys)))
     return tuple(remarks)

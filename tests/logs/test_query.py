@@ -226,6 +226,20 @@ def test_torn_and_foreign_lines_become_no_rows(logs: Path, tmp_path: Path) -> No
     assert row["n"] == whole.count(b"\n")
 
 
+def test_a_line_that_does_not_match_its_hash_becomes_no_row(tmp_path: Path) -> None:
+    key, parquet = load_or_make_key(tmp_path / "keys"), tmp_path / "records.parquet"
+    path = write_session(tmp_path, "s1", key, Disk(), (r.PatientChosen(patient="P-1"), r.Note(text="ä–語")))
+    whole = len(records(path))
+    path.write_bytes(path.read_bytes().replace(b"P-1", b"P-2"))
+    lines = lines_of([path])
+    export([path], parquet, drop_operators=False)
+    for source in (path, parquet):
+        connection = connect([source])
+        answer = rows(ask(connection, "SELECT patient, count(*) AS n FROM records GROUP BY patient"))
+        assert answer == [{"patient": "", "n": whole - 1}]
+    assert omitted_lines(connect([path]), lines) == {str(path): 1}
+
+
 @pytest.mark.parametrize("sql", ["SELECT nonsense FROM records", "SELEC 1", "DROP TABLE nothing"])
 def test_a_bad_question_is_refused(logs: Path, sql: str) -> None:
     connection = connect([logs])

@@ -19,12 +19,12 @@ from logs import records as r
 from logs.disk import Disk
 from logs.errors import AuditError, AuditFault
 from logs.keys import ConsoleKey, by_fingerprint
-from logs.read import UnreadableLine, find_session, outline, outline_of, read, records, session_paths
+from logs.read import NOT_A_RECORD, UnreadableLine, find_session, outline, outline_of, read, records, session_paths
 from logs.reason import sanitize_terminal
 from logs.report.charts import clock, timeline
 from logs.report.data import data_of
 from logs.report.page import report
-from logs.show import Filter, RecordSelector, json_of, line_of, record_text
+from logs.show import Filter, RecordSelector, json_of, kind_of, line_of, record_text
 from logs.verify import Evidence
 from testing.trails import write_sample
 from tests.support.audit_trails import Trail, write_session
@@ -173,6 +173,26 @@ def test_a_filter_lets_through_what_it_states(trail: Trail, wanted: Filter, kind
     selector = RecordSelector(wanted)
     passed = {record.body.__struct_config__.tag for record in records(trail.session) if selector.passes(record)}
     assert passed == kinds
+
+
+def test_a_changed_line_is_shown_by_its_kind_and_hides_no_patients_session(tmp_path: Path, key: ConsoleKey) -> None:
+    command = r.Command(number=1, action="step", source="gesture", state="standing")
+    path = write_session(tmp_path, "s1", key, Disk(), (r.PatientChosen(patient="P-1"), command, r.Note(text="kept")))
+    whole = path.read_bytes()
+
+    def shown(data: bytes, wanted: Filter) -> list[str]:
+        path.write_bytes(data)
+        selector = RecordSelector(wanted)
+        passed = [record for record in read(path) if selector.passes(record)]
+        return [one.kind if isinstance(one, UnreadableLine) else kind_of(one.body) for one in passed]
+
+    changed = whole.replace(b'"step"', b'"walk"')
+    assert shown(changed, Filter(kinds=("command",))) == ["command"]
+    assert shown(changed, Filter(kinds=("note",))) == ["note"]
+    assert shown(whole[:-9], Filter(kinds=("note",))) == ["note", NOT_A_RECORD]
+    assert shown(whole, Filter(patient="P-2", kinds=("note",))) == []
+    for line in (whole.replace(b"P-1", b"P-3"), whole.replace(b'"patient":"P-1"', b'"patient":P-1')):
+        assert shown(line, Filter(patient="P-1", kinds=("note",)))[-1:] == ["note"]
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ from logs import records as r
 from logs.disk import Disk
 from logs.journal import COMMENTS, append_signed
 from logs.keys import ConsoleKey, by_fingerprint
+from logs.line import canonical, seal
 from logs.read import outline_of, records, session_paths
 from logs.records import Record
 from logs.report.charts import earlier
@@ -98,6 +99,24 @@ def test_an_unreadable_session_is_left_out_of_the_earlier_ones(tmp_path: Path) -
     unreadable.unlink()
     unreadable.symlink_to("/proc/self/mem")  # a regular file that can't be read, by root either
     assert report(last, Evidence(), render_recorded).count('class="bar') == before - 3
+
+
+def test_a_forged_comment_in_a_torn_end_is_never_shown(three: Trail) -> None:
+    """By who writes the trails alone: in its place in the chain and with its hash, but unsigned."""
+    session = three.folder / "s1.jsonl"
+    path = commented(three, "was tired", records(session)[3])
+    newest = records(path)[-1]
+    values = {name: getattr(newest, name) for name in r.Payload.__struct_fields__}
+    values["body"] = msgspec.structs.replace(newest.body, text="was forged")
+    line, _ = seal(canonical(r.Payload(**values | {"sequence": newest.sequence + 1, "previous": newest.hash})))
+    with path.open("ab") as file:
+        file.write(line[:-1])
+    for later in ([], ["was better"]):  # its record explains the torn end
+        for text in later:
+            commented(three, text, records(session)[3])
+        page = report(session, Evidence(keys=three.keys), render_recorded)
+        assert all(f"<td>{text}</td>" in page for text in ("was tired", *later))
+        assert "forged" not in page
 
 
 @pytest.mark.parametrize("whole_line", [False, True])

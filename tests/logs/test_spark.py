@@ -89,6 +89,15 @@ def test_every_column_of_every_record_is_the_same(session: Any, recorded: list[S
     assert list(map(by_value, ours)) == list(map(by_value, theirs))
 
 
+def test_a_line_that_does_not_match_its_hash_is_no_row_of_either(session: Any, tmp_path: Path) -> None:
+    path = write_sample(tmp_path, minutes=1, patient="P-ä語")
+    path.write_bytes(path.read_bytes().replace(b'"kind":"patient"', b'"kind":"patienT"'))
+    ours, theirs = both(
+        session, find_sites([str(tmp_path)]), "SELECT patient, count(*) AS n FROM records GROUP BY patient"
+    )
+    assert ours == theirs == [{"patient": "", "n": path.read_bytes().count(b"\n") - 1}]
+
+
 def test_the_work_is_done_by_both_workers(session: Any, generated: list[Site]) -> None:
     assert session.sparkContext.master.startswith("spark://127.0.0.1:")
     context, deadline = session.sparkContext._jsc.sc(), time.monotonic() + LIMIT_S

@@ -222,6 +222,15 @@ def test_a_missing_manifest_is_caught(trail: Trail) -> None:
     assert [bad.file.name for bad in the_bad(trail)] == ["manifest.jsonl"]
 
 
+def test_a_record_without_line_end_in_a_torn_end_leaves_it_torn(trail: Trail) -> None:
+    """A crash: the record before it never reached the disk."""
+    lines = lines_of(trail.session)
+    torn = b"".join(lines[:3]) + bytes(len(lines[3]) - 1) + b"\n" + lines[4][:-1]
+    for data, is_torn in ((torn, True), (torn + b"\n", False)):
+        found = scan(data, trail)
+        assert (found.records, found.is_torn) == (3, is_torn)
+
+
 @pytest.mark.parametrize("make", [Path.mkdir, os.mkfifo, lambda path: path.symlink_to(path)])
 def test_an_unreadable_manifest_is_named_and_each_session_judged_by_itself(
     three: Trail, make: Callable[[Path], None]
