@@ -63,10 +63,11 @@ def _redirect_output(home: Home, name: str) -> None:
     os.close(handle)
 
 
-# Imports take two seconds, sixteen beside another session on two cores: a restart would only begin them anew. After its
-# first report a second's silence is thirty missed frames.
-FIRST_REPORT_S = 40.0
-SILENCE_S = 2.0
+# Imports take two seconds, sixteen beside another session on two cores, and the hand model is still to be loaded then:
+# a restart would only begin anew. Afterwards control refuses gestures within a quarter of a second of silence; the
+# restart is for a frozen process, not for one that other programs keep from running.
+LOADING_S = 40.0
+SILENCE_S = 5.0
 BACK_OFF_S = (1.0, 2.0, 4.0, 8.0, 16.0)
 STEADY_S = 60.0  # one that still reports after this is no repetition of the failure before
 
@@ -76,17 +77,18 @@ class Supervisor:
     """Decides on restarts with a growing back-off; gives up after as many in a row as the back-off has steps."""
 
     restarts: int = 0  # of the whole session
+    _ready: bool = False  # the hand model is loaded
     _in_a_row: int = 0
     _last_report_s: float | None = None
     _started_s: float | None = None
     _failed_s: float | None = None
 
-    def must_restart(self, now_s: float, *, alive: bool, reported: bool) -> bool:
-        """Whether to start perception again now; counts it when so."""
+    def must_restart(self, now_s: float, *, alive: bool, reported: bool, ready: bool = True) -> bool:
+        """Whether to start perception again now; counts it when so. ready: its report says that the model is loaded."""
         if self._started_s is None:
             self._started_s = now_s
         if reported:
-            self._last_report_s = now_s
+            self._last_report_s, self._ready = now_s, ready
             if now_s - self._started_s >= STEADY_S:
                 self._in_a_row = 0
         if alive and not self._silent(now_s):
@@ -98,11 +100,10 @@ class Supervisor:
             return False
         self.restarts += 1
         self._in_a_row += 1
-        self._started_s, self._last_report_s, self._failed_s = now_s, None, None
+        self._started_s, self._last_report_s, self._failed_s, self._ready = now_s, None, None, False
         return True
 
     def _silent(self, now_s: float) -> bool:
-        if self._last_report_s is None:
-            assert self._started_s is not None
-            return now_s - self._started_s > FIRST_REPORT_S
-        return now_s - self._last_report_s > SILENCE_S
+        newest_s = self._started_s if self._last_report_s is None else self._last_report_s
+        assert newest_s is not None
+        return now_s - newest_s > (SILENCE_S if self._ready else LOADING_S)

@@ -87,7 +87,7 @@ class SessionProcesses:
     def run(self) -> None:
         """Until it is time to end."""
         while not self._must_end():
-            self._supervise_perception(reported=self._reports.receive() is not None)
+            self._supervise_perception(self._reports.receive())
             self._statuses.send(SessionStatus(at_ns=time.monotonic_ns(), processes=self._status()))
             time.sleep(1.0 / streams.SESSION.rate_hz)
 
@@ -141,11 +141,12 @@ class SessionProcesses:
         _log.info("process spawned", child=name, child_pid=child.pid)
         self._children[name] = child
 
-    def _supervise_perception(self, *, reported: bool) -> None:
+    def _supervise_perception(self, report: TriggerReport | None) -> None:
         child = self._children.get("perception")
         if child is None:
             return
-        if self._supervisor.must_restart(time.monotonic(), alive=child.is_alive(), reported=reported):
+        reported, ready = report is not None, report is not None and report.detector_ready
+        if self._supervisor.must_restart(time.monotonic(), alive=child.is_alive(), reported=reported, ready=ready):
             _log.warning("perception restarts", restarts=self._supervisor.restarts, exit_code=child.exitcode)
             child.kill()  # a driver frozen in the kernel handles no SIGTERM
             child.join(1.0)

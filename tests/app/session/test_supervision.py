@@ -15,7 +15,7 @@ from typing import cast
 import pytest
 
 from app.audit.process import GIVE_UP_S
-from app.session.child import BACK_OFF_S, FIRST_REPORT_S, SILENCE_S, STEADY_S, Supervisor
+from app.session.child import BACK_OFF_S, LOADING_S, SILENCE_S, STEADY_S, Supervisor
 from app.session.host import make_setup
 from app.session.shared import Launch, encode, take_lease
 from app.session.supervise import end_child
@@ -61,8 +61,16 @@ def test_a_frozen_one_is_started_again_after_its_timeout() -> None:
 def test_loading_the_model_is_not_mistaken_for_a_freeze() -> None:
     supervisor = Supervisor()
     assert not supervisor.must_restart(0.0, alive=True, reported=False)
-    assert not supervisor.must_restart(FIRST_REPORT_S * 0.9, alive=True, reported=False)
-    assert supervisor.must_restart(FIRST_REPORT_S * 1.1, alive=True, reported=False)
+    assert not supervisor.must_restart(LOADING_S * 0.9, alive=True, reported=False)
+    assert supervisor.must_restart(LOADING_S * 1.1, alive=True, reported=False)
+
+
+def test_a_silence_while_the_hand_model_is_loading_is_no_failure() -> None:
+    supervisor = Supervisor()
+    assert not supervisor.must_restart(0.0, alive=True, reported=True, ready=False)
+    assert not supervisor.must_restart(LOADING_S * 0.9, alive=True, reported=False)
+    assert not supervisor.must_restart(LOADING_S, alive=True, reported=True, ready=True)
+    assert supervisor.must_restart(LOADING_S + SILENCE_S * 1.1, alive=True, reported=False)
 
 
 class SlowChild:
