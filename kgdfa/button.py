@@ -54,6 +54,7 @@ class PressCancel(Enum):
     TOO_SHORT = "too short"
     TOO_LONG = "too long"
     CAMERA_PAUSED = "camera paused"
+    ENDED = "ended"  # no more frames: the session ended, or the camera was replaced
 
 
 class PressHint(Enum):
@@ -167,6 +168,8 @@ def advance(state: ButtonState, observed: ButtonInput, place: ButtonPlace, mode:
         state = _in_terms_of(state, observed, measured_m, changed=changed)
     compared = _compare(state, observed, place, changed=changed)
     after = _RULES[mode](state, observed, compared)
+    if after.cancel_count > state.cancel_count and after.cancel_reason is PressCancel.TOO_LONG:
+        compared = replace(compared, held_limit_ns=LONGEST_PRESS_NS)
     source = state.source if measured_m is None else observed.source
     return replace(after, last_captured_ns=observed.captured_ns, compared=compared, source=source)
 
@@ -188,7 +191,6 @@ def _in_terms_of(state: ButtonState, observed: ButtonInput, measured_m: float | 
 def _compare(state: ButtonState, observed: ButtonInput, place: ButtonPlace, *, changed: bool) -> ButtonComparison:
     elapsed_ns = observed.captured_ns - state.last_captured_ns if state.last_captured_ns else 0
     distance_m, previous_m = observed.distance_m, state.last_distance_m
-    held_ns = observed.captured_ns - state.pressed_captured_ns if state.pressed else 0
     measured_m = _measured(observed)
     farthest_m = max((m for _, m in _recent(state, observed.captured_ns)), default=measured_m)
     return ButtonComparison(
@@ -202,8 +204,7 @@ def _compare(state: ButtonState, observed: ButtonInput, place: ButtonPlace, *, c
         nearer_limit_m=APPROACH_M_S * elapsed_ns / 1e9,
         beside_px=observed.beside_px,
         beside_limit_px=place.radius_px if state.pressed else 0.0,
-        held_ns=held_ns,
-        held_limit_ns=LONGEST_PRESS_NS if held_ns > LONGEST_PRESS_NS else SHORTEST_PRESS_NS,
+        held_ns=observed.captured_ns - state.pressed_captured_ns if state.pressed else 0,
         gap_frames=state.gap_frames,
         gap_limit_frames=max(GAP_FRAMES, state.gap_frames),
         approached_m=None if measured_m is None or farthest_m is None else max(farthest_m - measured_m, 0.0),

@@ -117,6 +117,7 @@ class OutlierState:
     last_m: float | None = None
     last_ns: int = 0
     candidate_m: float = 0.0
+    candidate_ns: int = 0  # of its first frame
     count: int = 0
 
 
@@ -131,7 +132,7 @@ def accept_distance(state: OutlierState, distance_m: float, captured_ns: int) ->
     if max(-reach_m, -MOST_NEARER * state.last_m) <= distance_m - state.last_m <= reach_m:
         return accepted, True
     stays = state.count > 0 and abs(distance_m - state.candidate_m) <= slack_m
-    count = state.count + 1 if stays else 1
-    if have_lasted(count, CONFIRM_FRAMES, elapsed_ns):
+    count, since_ns = (state.count + 1, state.candidate_ns) if stays else (1, captured_ns)
+    if have_lasted(count - 1, CONFIRM_FRAMES - 1, captured_ns - since_ns):
         return accepted, True
-    return replace(state, candidate_m=distance_m, count=count), False
+    return replace(state, candidate_m=distance_m, candidate_ns=since_ns, count=count), False

@@ -91,6 +91,7 @@ class Decision(Enum):
     TOO_SIMILAR = "too similar"  # rival
     NO_GESTURE = "no gesture"  # a rival that is none of the twelve
     NO_HAND = "no hand"
+    ENDED = "ended"  # no more frames: the session ended, or the camera was replaced
 
 
 class HandRefusal(Enum):
@@ -148,6 +149,7 @@ END_FRAMES = 5  # a held gesture ends at the fifth frame in a row that doesn't s
 ALTERNATIONS = 3
 ALTERNATING_NS = 2_000_000_000
 CHANGE_FRAMES = 2  # in a row that show another gesture: one alone is a slip, and makes no vote
+CHANGE_JITTER = 0.2  # of a frame: with half of one, two frames of 60 Hz, which take no longer than that slip, were two
 
 
 class Vote(Struct, frozen=True, kw_only=True):
@@ -168,6 +170,11 @@ class Vote(Struct, frozen=True, kw_only=True):
     def count(self) -> int:
         """Frames in a row for `candidate`, capped where PRESS_CHANGE_FRAMES have lasted."""
         return len(self.candidate_ns)
+
+    @property
+    def votes(self) -> int:
+        """For `candidate`, up to VOTE_FRAMES, which it has when so many have lasted."""
+        return VOTE_FRAMES if row_has_lasted(self.candidate_ns, VOTE_FRAMES) else min(self.count, VOTE_FRAMES - 1)
 
     def alternates(self, captured_ns: int) -> bool:
         """Whether two gestures were read in turn until now."""
@@ -231,7 +238,9 @@ def _end(vote: Vote, decided_ns: tuple[int, ...]) -> Vote:
 
 def _with_change(vote: Vote, captured_ns: int) -> Vote:
     """The vote with another gesture read, where this frame makes it one."""
-    if vote.candidate is None or vote.count != CHANGE_FRAMES or vote.candidate is vote.read:
+    last = row_has_lasted(vote.candidate_ns, CHANGE_FRAMES, CHANGE_JITTER)
+    known = row_has_lasted(vote.candidate_ns[:-1], CHANGE_FRAMES, CHANGE_JITTER)
+    if vote.candidate is None or not last or known or vote.candidate is vote.read:
         return vote
     again = vote.changes_ns if vote.candidate is vote.read_before else ()
     changes_ns = (*again, captured_ns)[-ALTERNATIONS:] if vote.read is not None else ()

@@ -13,7 +13,7 @@ from kgdfa.button import ButtonMode, ButtonPlace, ButtonState
 from kgdfa.commanding import Tracks, update_tracks
 from kgdfa.depth import ChosenDistance, DepthFault, DepthRange, choose_distance
 from kgdfa.distance import Distance, DistanceChoice, DistanceSource, RangeFinder
-from kgdfa.gesture import VOTE_FRAMES, Explanation, Gesture, HandRefusal, RuleSet, Verdict, Vote
+from kgdfa.gesture import Explanation, Gesture, HandRefusal, RuleSet, Verdict, Vote
 from kgdfa.hand import Hand, is_cut_off
 from kgdfa.preprocess import Image, Prepare, as_bgr8
 from kgdfa.recognition import FrameReading, Recognition, recognise
@@ -140,7 +140,7 @@ class Pipeline:
             verdict=verdict,
             gesture=vote.gesture,
             recognised_ns=vote.recognised_ns,
-            votes=min(vote.count, VOTE_FRAMES),
+            votes=vote.votes,
             distance=distance,
             depth_distance=depth,
             depth_fault=self._chosen.fault or fault,

@@ -11,7 +11,7 @@ from msgspec import structs
 from app.perception.reporting import Scale, records_between
 from kgdfa.button import ButtonMode, ButtonPlace, PressCancel
 from kgdfa.distance import DistanceChoice, DistanceSource
-from kgdfa.gesture import Gesture
+from kgdfa.gesture import Decision, Explanation, Gesture, Verdict
 from kgdfa.pipeline import Report
 from kgdfa.recognition import FrameReading
 from logs.records import Body, Button, Frames
@@ -112,9 +112,10 @@ def records_at_end(last: Report | None, scale: Scale) -> Iterator[Body]:
             pressed=False,
             pressed_gesture=None,
             cancel_count=button.cancel_count + 1,
-            cancel_reason=PressCancel.CAMERA_PAUSED,
+            cancel_reason=PressCancel.ENDED,
         )
-    yield from records_between(last, replace(last, gesture=None, verdict=None, votes=0, button=button), scale)
+    ended = Verdict(gesture=None, confidence=0.0, explanation=Explanation(Decision.ENDED))
+    yield from records_between(last, replace(last, gesture=None, verdict=ended, votes=0, button=button), scale)
 
 
 def unpack(record: Frames, hand: int) -> Iterator[ClassifiedFrame]:

@@ -28,7 +28,7 @@ from kgdfa.robust_distance import RobustRange
 from kgdfa.track import Enrolment
 from logs import records
 from logs.reason import Reason, reason, reason_of
-from profiles.palm import ReferenceSegment, ReferenceSource, reference_segment
+from profiles.palm import ReferenceSegment, ReferenceSource, calibration_for, reference_segment
 from profiles.schema import DistanceUsed, HandUsed
 
 if TYPE_CHECKING:
@@ -146,13 +146,16 @@ def zone_for(setup: SessionSetup, frame: Frame, camera: str) -> PressZone:
 
 
 def lasting_hint(setup: SessionSetup, zone: PressZone, frame: Frame, camera: str) -> Reason | None:
-    """Why this camera does not suit the patient: it gives no depth, or the press threshold does not fit; else None."""
+    """Why this camera does not suit the patient: no depth, a threshold that does not fit, a calibration not in use."""
     if frame.depth_m is None and choice_of(setup) is not DistanceChoice.MONOCULAR:
         return reason(PerceptionNote.NO_DEPTH, camera=camera)
     threshold_m = setup.profile.press_threshold_m
-    if zone.fits(threshold_m):
+    if not zone.fits(threshold_m):
+        return reason(PerceptionNote.THRESHOLD_UNSUITED, threshold_m=threshold_m, zone=zone.explain())
+    if calibration_for(setup.profile, camera) is None:
         return None
-    return reason(PerceptionNote.THRESHOLD_UNSUITED, threshold_m=threshold_m, zone=zone.explain())
+    in_use = reference_for(setup, frame, camera).source is ReferenceSource.CALIBRATED
+    return None if in_use else reason(PerceptionNote.CALIBRATION_UNUSED, camera=camera)
 
 
 def scale_of(setup: SessionSetup, frame: Frame, camera: str) -> Scale:

@@ -155,11 +155,13 @@ class Perception:
         self._check_camera(frame)
         self._last_captured_ns = frame.captured_ns
         self._captures.append(frame.captured_ns)
+        loaded = self._detector.ready() is not None
         report = self._process(frame)
         self._send_report(report, frame.captured_ns)
+        # From the next frame on: the first is late, since the pipeline is built in it. A lens may allow no pipeline.
+        self._ready = loaded or report is not None
         if report is not None:
             self._last = report
-            self._ready = True  # from the next frame on: the first is late, since the pipeline is built in it
             assert self._decisions is not None  # made with the pipeline
             for record in self._decisions.take(report):
                 self._sink.emit(record)
@@ -191,7 +193,9 @@ class Perception:
         try:
             self._zone = self._zone or assembly.zone_for(self._setup, frame, camera.name)
         except KgdfaError as error:  # the palm was calibrated with another focal length
-            self._hint = reason_of(error)
+            before, self._hint = self._hint, reason_of(error)
+            if self._hint != before:
+                self._sink.emit(EventRaised(event="palm-impossible", effect="note", text=self._hint))
             return None
         self._hint = self._image_check.update(frame) or assembly.lasting_hint(
             self._setup, self._zone, frame, camera.name

@@ -9,6 +9,7 @@ from app.ipc.streams import RECORDING, LinkDirectory
 from app.perception.reporting import hand_frame
 from app.recording.schemas import HAND_TOPICS
 from app.recording.sink import RecordingSink
+from kgdfa.button import STALE_NS
 from kgdfa.pipeline import Report
 from logs.records import RecordingSent
 
@@ -25,12 +26,14 @@ class ReportRecorder:
     def take(self, message: TriggerReport, report: Report | None) -> None:
         """One sent report. Between two frames only the first without a hand is new; it has its own time, no capture."""
         if message.captured_ns != self._captured_ns:
-            self._captured_ns, self._paused = message.captured_ns, False
+            self._captured_ns, self._paused = message.captured_ns, report is None
         elif report is not None or self._paused:
             return
         else:
             self._paused = True
-            message = replace(message, captured_ns=0)
+            # Not later than the button counts a pause: the next frame may be captured before this report is sent.
+            stale_ns = self._captured_ns + STALE_NS if self._captured_ns else message.sent_ns
+            message = replace(message, captured_ns=0, sent_ns=min(message.sent_ns, stale_ns))
         self._number += 1
         self._sink.send(hand_frame(replace(message, sequence=self._number), report, self._sink.lost))
 

@@ -12,7 +12,7 @@ from app.perception.reporting import Scale, records_between
 from app.replay.difference import Difference, difference, differences
 from kgdfa.button import ButtonMode, ButtonPlace
 from kgdfa.distance import Distance
-from kgdfa.gesture import VOTE_FRAMES, Decision, Explanation, HandRefusal, Verdict
+from kgdfa.gesture import Decision, Explanation, HandRefusal, Verdict
 from kgdfa.pipeline import Report
 from kgdfa.recognition import Recognition, recognise
 from logs.reason import Reason, key_of
@@ -124,7 +124,7 @@ def _report(classified: ClassifiedFrame, recognition: Recognition) -> Report:
         verdict=Verdict(gesture=named, confidence=confidence, explanation=NO_EXPLANATION),
         gesture=vote.gesture,
         recognised_ns=vote.recognised_ns,
-        votes=min(vote.count, VOTE_FRAMES),
+        votes=vote.votes,
         distance=None if distance_m is None else Distance(shown_m=distance_m, safe_m=distance_m, sd_m=0.0),
         depth_distance=None,
         button=recognition.button,

@@ -230,13 +230,32 @@ def test_the_fastest_push_is_no_jump(phase: float) -> None:
 
 @pytest.mark.parametrize("rate_hz", [30, 45, 60, 90, 120])
 def test_a_jump_that_stays_is_believed_after_a_press_has_ended(rate_hz: int) -> None:
-    """A press survives GAP_FRAMES, and at the latest half a frame more."""
-    state, _ = accept_distance(OutlierState(), 0.36, FRAME_NS)
-    now_ns, believed = FRAME_NS, False
+    """A press ends half a frame after GAP_FRAMES, counted from the last distance that was believed."""
+    period_ns = round(1e9 / rate_hz)
+    state, now_ns = _stays(accept_distance(OutlierState(), 0.36, FRAME_NS)[0], 0.18, FRAME_NS, period_ns)
+    assert state.last_m == 0.18
+    assert (GAP_FRAMES + 0.5) * FRAME_NS <= now_ns - FRAME_NS - period_ns < (CONFIRM_FRAMES - 0.4) * FRAME_NS
+
+
+@pytest.mark.parametrize("rate_hz", [30, 45, 60, 90, 120])
+def test_a_jump_after_other_outliers_must_stay_as_long(rate_hz: int) -> None:
+    period_ns = round(1e9 / rate_hz)
+    state, now_ns = accept_distance(OutlierState(), 0.36, FRAME_NS)[0], FRAME_NS
+    for _ in range(int(0.09 * rate_hz)):
+        now_ns += period_ns
+        state, _ = accept_distance(state, 0.10 if state.count % 2 else 0.12, now_ns)
+    state, believed_ns = _stays(state, 0.19, now_ns, period_ns)
+    assert state.last_m == 0.19
+    assert believed_ns - now_ns - period_ns >= (CONFIRM_FRAMES - 1.5) * FRAME_NS
+
+
+def _stays(state: OutlierState, distance_m: float, now_ns: int, period_ns: int) -> tuple[OutlierState, int]:
+    """Frames of that distance until it is believed, and the capture of the one that is."""
+    believed = False
     while not believed:
-        now_ns += round(1e9 / rate_hz)
-        state, believed = accept_distance(state, 0.18, now_ns)
-    assert (CONFIRM_FRAMES - 0.5) * FRAME_NS <= now_ns - FRAME_NS < (CONFIRM_FRAMES + 0.5) * FRAME_NS
+        now_ns += period_ns
+        state, believed = accept_distance(state, distance_m, now_ns)
+    return state, now_ns
 
 
 @pytest.mark.parametrize("forget", ["reset", "gap"])

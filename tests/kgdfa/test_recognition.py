@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from kgdfa.button import LONGEST_PRESS_NS, ButtonMode, ButtonPlace, PressCancel, PressHint
+from kgdfa.button import LONGEST_PRESS_NS, SHORTEST_PRESS_NS, ButtonMode, ButtonPlace, PressCancel, PressHint
 from kgdfa.frame_time import FRAME_NS
 from kgdfa.gesture import Gesture
 from kgdfa.recognition import FrameReading, Recognition, recognise
@@ -101,3 +101,27 @@ def test_a_push_commands_at_every_frame_rate(rate_hz: int, misread: Gesture | No
     ]
     button = after(readings, period_ns=period_ns).button
     assert (button.release_count, button.released_gesture, button.cancel_count) == (1, Gesture.FIVE, 0)
+
+
+@pytest.mark.parametrize("rate_hz", [15, 30, 60, 90, 120])
+def test_slips_before_a_push_are_no_changes_at_any_frame_rate(rate_hz: int) -> None:
+    slips = [(at_s, at_s + 0.033 - 1e-6) for at_s in (0.2, 0.4)]
+    readings = [
+        at(push_m(at_s), gesture=Gesture.FOUR if any(begin <= at_s < end for begin, end in slips) else Gesture.FIVE)[0]
+        for at_s in (number / rate_hz for number in range(2 * rate_hz))
+    ]
+    assert after(readings, period_ns=round(1e9 / rate_hz)).button.release_count == 1
+
+
+def test_only_a_press_that_was_too_long_is_compared_with_the_longest() -> None:
+    held = [replace(FIVE, distance_m=0.22)] * round(11e9 / FRAME_NS)
+    pressed = after(at(*[0.36] * 5, *PUSH_M))
+    longest = after(held, pressed)
+    assert longest.button.cancel_reason is PressCancel.TOO_LONG
+    now = pressed
+    while not now.button.cancel_count:
+        now = after(held[:1], now)
+    assert now.button.compared is not None
+    assert now.button.compared.held_limit_ns == LONGEST_PRESS_NS
+    published = after([*at(*[0.36] * 5, *PUSH_M), *held, *at(*WITHDRAWAL_M)], mode=ButtonMode.PUBLISHED).button
+    assert (published.release_count, published.compared and published.compared.held_limit_ns) == (1, SHORTEST_PRESS_NS)

@@ -16,6 +16,7 @@ from msgspec import structs
 from app.ipc.links import Address, new_link_directory
 from app.ipc.messages import TriggerReport
 from app.perception import pipeline, process
+from app.perception.camera import PerceptionNote
 from app.perception.process import Perception
 from app.system.config import CameraConfig, Config, SessionSetup
 from hal.cameras.camera import Frame
@@ -24,10 +25,12 @@ from kgdfa.button import STALE_NS, ButtonPlace, ButtonState
 from kgdfa.errors import KgdfaFault
 from kgdfa.hand import Hand, Side
 from kgdfa.pipeline import PipelineInput, Report
-from logs.reason import key_of
-from logs.records import Camera, ProcessEnd
-from profiles.palm import with_calibration
+from logs.reason import key_of, reason
+from logs.records import Camera, EventRaised, ProcessEnd
+from profiles.palm import reference_segment, with_calibration
 from profiles.schema import DEMO_PATIENT, Calibration
+
+PATIENCE_S = 30.0
 
 
 class NoHands:
@@ -229,7 +232,7 @@ def test_a_palm_that_the_lens_makes_none_is_a_lasting_hint_and_no_end(made: Perc
 
     def take(message: TriggerReport) -> None:
         sent.append(message)
-        if len({one.captured_ns for one in sent}) > 5:
+        if (message.detector_ready and len({one.captured_ns for one in sent}) > 5) or len(sent) > 1000:
             made.end()
 
     Publisher.take = take
@@ -237,8 +240,28 @@ def test_a_palm_that_the_lens_makes_none_is_a_lasting_hint_and_no_end(made: Perc
     made.close()
     for one in sent[-4:]:
         assert one.hint is not None
-        assert (one.hint.code, one.hand, one.detector_ready) == (key_of(KgdfaFault.REFERENCE_LENGTH), False, False)
+        assert (one.hint.code, one.hand) == (key_of(KgdfaFault.REFERENCE_LENGTH), False)
+    assert sent[-1].detector_ready, "a model that is loaded is not starting"
     assert DETECTOR.frames == 0
+    assert [one.text for one in Sink.records if isinstance(one, EventRaised)] == [sent[-1].hint]
+
+
+@pytest.mark.parametrize(("height_px", "unused"), [(480, True), (360, False), (0, False)])
+def test_a_calibration_on_images_of_another_shape_is_a_lasting_hint(
+    made: Perception, height_px: int, unused: bool
+) -> None:
+    camera = made._camera.camera
+    frame = made._camera.read(0.0, PATIENCE_S)
+    made.close()
+    assert frame is not None
+    focal_px = frame.intrinsics.fx_px
+    calibration = Calibration(
+        camera=camera.name, focal_anchor_px_m=focal_px * reference_segment(DEMO_PATIENT).length_m, focal_px=focal_px,
+        distance_m=0.3, residual=0.01, calibrated_at="2026", width_px=640, height_px=height_px,
+    )  # fmt: skip
+    setup = structs.replace(made._setup, profile=with_calibration(DEMO_PATIENT, calibration))
+    hint = pipeline.lasting_hint(setup, pipeline.zone_for(setup, frame, camera.name), frame, camera.name)
+    assert hint == (reason(PerceptionNote.CALIBRATION_UNUSED, camera=camera.name) if unused else None)
 
 
 def test_a_detector_that_can_not_be_built_still_ends_in_order(

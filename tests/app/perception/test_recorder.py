@@ -1,4 +1,4 @@
-"""The recording has each frame's report once, at its capture, and a pause at the moment at which it was reported."""
+"""The recording has each frame's report once, at its capture, and a pause where the button counts one."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from app.ipc.streams import RECORDING
 from app.perception.recorder import ReportRecorder
 from app.recording.schemas import BUTTON, HAND_TOPICS
 from app.recording.topics import of_hand
-from kgdfa.button import ButtonState
+from kgdfa.button import STALE_NS, ButtonState
 from kgdfa.pipeline import Report
 from testing.fake_host import without_hand
 
@@ -70,23 +70,40 @@ def test_a_frame_keeps_its_report_while_the_camera_pauses(tmp_path: Path) -> Non
     ]
     assert recorded(tmp_path, reports) == [
         *((number, at_ns, True) for number, at_ns in enumerate(frames, start=1)),
-        (4, last_ns + 320_000_000, False),
+        (4, last_ns + STALE_NS, False),
         (5, next_ns, True),
-        (6, next_ns + 300_000_000, False),
+        (6, next_ns + STALE_NS, False),
     ]
 
 
-@pytest.mark.parametrize("period_ms", [150, 500])
-def test_a_slow_camera_has_each_frame_once(tmp_path: Path, period_ms: int) -> None:
+@pytest.mark.parametrize(("period_ms", "loading"), [(150, False), (500, False), (200, True)])
+def test_a_slow_camera_has_each_frame_once(tmp_path: Path, period_ms: int, loading: bool) -> None:
+    """Without a hand model there is no report, and no pause of one."""
     frames = [BEGIN_NS + number * period_ms * 10**6 for number in range(4)]
     reports = [
-        sent(at_ns, at_ns + after_ms * 10**6, pressed=after_ms <= 250)
+        sent(at_ns, at_ns + after_ms * 10**6, pressed=after_ms <= 250 and not loading)
         for at_ns in frames
         for after_ms in range(20, period_ms, 100)
     ]
     found = recorded(tmp_path, reports)
-    assert [at_ns for _, at_ns, pressed in found if pressed] == frames
+    assert [at_ns for _, at_ns, pressed in found if pressed or loading] == frames
     assert [number for number, _, _ in found] == list(range(1, len(found) + 1))
+
+
+def test_a_pause_hides_no_frame_that_was_captured_before_it_was_sent(tmp_path: Path) -> None:
+    frames = [BEGIN_NS + number * 270_000_000 for number in range(4)]
+    reports = [
+        report
+        for at_ns in frames
+        for report in (
+            sent(at_ns, at_ns + 60_000_000, pressed=True),
+            sent(at_ns, at_ns + 290_000_000, pressed=False),
+        )
+    ]
+    found = recorded(tmp_path, reports)
+    for at_ns in frames:
+        newest = max((one for one in found if one[1] <= at_ns + 100_000_000), key=lambda one: one[1])
+        assert newest[1:] == (at_ns, True)
 
 
 def test_before_the_first_image_one_report_has_the_moment_at_which_it_was_sent(tmp_path: Path) -> None:

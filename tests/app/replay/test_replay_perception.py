@@ -182,7 +182,7 @@ def test_a_press_in_force_at_the_end_is_cancelled_and_replayed_with_what_begins_
     assert isinstance(onset, GestureOnset)
     assert isinstance(cancel, Cancel)
     assert (onset.gesture, cancel.gesture) == (None, "1")
-    assert cancel.reason == reason(PressCancel.CAMERA_PAUSED)
+    assert (onset.explanation, cancel.reason) == (reason(Decision.ENDED), reason(PressCancel.ENDED))
     again = replay(trail([*ended, *recorded(timed(PUSH))]))
     assert again.differences == ()
     killed = [*ended[:-2], *recorded(timed(PUSH))]  # or an older trail
