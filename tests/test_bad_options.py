@@ -110,8 +110,8 @@ SEEDS = [
 ]
 
 
-def call(path: tuple[str, ...], name: str, value: str) -> None:
-    """A command with one option given, and anything for the arguments and options that it must have."""
+def arguments_of(path: tuple[str, ...], name: str, value: str) -> list[str]:
+    """One option of a command, and anything for the arguments and options that it must have."""
     arguments: list[str] = []
     for parameter in COMMANDS[path].params:
         if parameter.name == name:
@@ -119,8 +119,13 @@ def call(path: tuple[str, ...], name: str, value: str) -> None:
         elif parameter.required:
             some = "csv" if parameter.name == "to" else "1" if parameter.bare_type() in {"int", "float"} else "x"
             arguments += [parameter.opts[0], some] if parameter.param_type_name == "option" else [some]
+    return arguments
+
+
+def call(path: tuple[str, ...], name: str, value: str) -> None:
+    """A command with these."""
     with in_time():
-        COMMANDS[path].main(arguments, standalone_mode=False)
+        COMMANDS[path].main(arguments_of(path, name, value), standalone_mode=False)
 
 
 @pytest.mark.parametrize(("path", "name"), OUTPUTS)
@@ -137,6 +142,27 @@ def test_an_output_that_can_not_be_written_is_refused_before_the_work(
         call(path, name, place)
     assert caught.value.code is CliFault.OUTPUT_UNWRITABLE
     assert sorted(one.name for one in tmp_path.rglob("*")) == ["file", "folder"]
+
+
+@pytest.mark.parametrize(
+    ("path", "name"),
+    [
+        (("can", "record"), "file"),
+        (("evaluate", "response"), "keep"),
+        (("evaluate", "foreign"), "keep"),
+        (("evaluate", "gestures"), "keypoints"),
+        (("evaluate", "gestures"), "beside_keypoints"),
+        (("evaluate", "side"), "keypoints"),
+    ],
+)
+def test_a_file_that_is_added_to_or_read_needs_a_folder_that_takes_new_ones_only_where_it_is_new(
+    path: tuple[str, ...], name: str
+) -> None:
+    there = Path("/proc/self/comm")
+    assert COMMANDS[path].make_context("", arguments_of(path, name, str(there))).params[name] == there
+    with pytest.raises(AppError) as caught:
+        COMMANDS[path].make_context("", arguments_of(path, name, "/proc/self/new"))
+    assert caught.value.code is CliFault.OUTPUT_UNWRITABLE
 
 
 @pytest.mark.parametrize("path", HOMES, ids=" ".join)
@@ -194,6 +220,7 @@ def test_a_number_that_is_none_is_refused(path: tuple[str, ...], name: str, valu
         (("evaluate", "gestures", ".", "--png", "m.xyz"), "m.xyz is no figure's name"),
         (("evaluate", "trigger", "--plot", "m.xyz"), "m.xyz is no figure's name"),
         (("camera", "compare", "a", "b", "--plot", "m.xyz"), "m.xyz is no figure's name"),
+        (("evaluate", "trigger", "--plot", "m.pgf"), "m.pgf is no figure's name"),
         (("simulate", "walk", "--plot", "m.xyz"), "m.xyz is no figure's name"),
         (("evaluate", "idle", "--progress", "file"), "file can't be read (JSON is malformed"),
         (("evaluate", "gestures", "--digital", "1", "--cross-validate"), "--cross-validate"),

@@ -15,7 +15,7 @@ from rich.table import Table
 from rich.text import Text
 
 from app.cli.common import HomeOption, check_figure, check_finite, check_output
-from app.cli.compare_cameras import compare_cameras, write_csv, write_plot
+from app.cli.compare_cameras import compare_cameras
 from app.cli.permission import sign_in
 from app.perception.look import kind_of
 from app.system.authority import Subject
@@ -114,11 +114,9 @@ def compare(
         alone_s=alone,
         ruler_m=None if ruler is None else ruler / 100,
         patient=ProfileStore(place.profiles).load(patient),
+        csv=csv,
+        plot=plot,
     )
-    if csv is not None:
-        write_csv(result, csv)
-    if plot is not None:
-        write_plot(result, plot)
     ended = (None, key_of(RecordingFault.ENDED))  # a recording ends as it should
     failed = any(one is not None and one.code not in ended for one in result.faults)
     if failed or not all(result.total(which).frames for which in (0, 1)):

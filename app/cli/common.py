@@ -7,7 +7,7 @@ import itertools
 import math
 import os
 import tempfile
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from enum import Enum, auto
 from pathlib import Path
@@ -19,9 +19,11 @@ from typer import CallbackParam
 from app.system.errors import AppError
 from app.text.catalogue import tr
 from logs.reading.errors import InputError, InputFault, cause_of
+from logs.reason import sanitize_terminal
 
 if TYPE_CHECKING:
     from rich.console import Console
+    from rich.table import Table
 
 
 def home_of(text: str) -> Path:
@@ -90,6 +92,15 @@ def check_output(path: Path | None) -> Path | None:
 
     Nothing stays: the folder is tried with a nameless file, for one that is there too: it is replaced by a whole one.
     """
+    return _checked(path, replaced=True)
+
+
+def check_appended(path: Path | None) -> Path | None:
+    """The same for a file that lines are added to: where it is there, its folder need take no new one."""
+    return _checked(path, replaced=False)
+
+
+def _checked(path: Path | None, *, replaced: bool) -> Path | None:
     if path is None:
         return None
 
@@ -98,6 +109,8 @@ def check_output(path: Path | None) -> Path | None:
             if not path.is_file():
                 raise InputError(InputFault.NOT_REGULAR)
             path.open("r+b").close()
+            if not replaced:
+                return path
         with tempfile.TemporaryFile(dir=Path(os.path.realpath(path)).parent):
             return path
     except (OSError, ValueError) as error:
@@ -109,7 +122,7 @@ def check_figure(path: Path | None) -> Path | None:
     if check_output(path) is not None and path is not None and path.suffix:
         from matplotlib.backend_bases import FigureCanvasBase
 
-        known = FigureCanvasBase.get_supported_filetypes()
+        known = FigureCanvasBase.get_supported_filetypes().keys() - {"pgf"}  # that needs LaTeX, and fails at the end
         if path.suffix[1:].lower() not in known:
             raise AppError(CliFault.FIGURE_FORMAT, path=path, known=", ".join(sorted(known)))
     return path
@@ -164,6 +177,25 @@ def wide_console() -> Console:
     from rich.console import Console
 
     return Console() if Console().is_terminal else Console(width=160)
+
+
+@contextmanager
+def shown_after(parts: Iterable[Table | str] | Callable[[], None]) -> Iterator[None]:
+    """Write within, then show, or call what shows: a closed stdout costs no file, a full disk none of what is shown."""
+    try:
+        yield
+    finally:
+        if callable(parts):
+            parts()
+        else:
+            show(*parts)
+
+
+def show(*parts: Table | str) -> None:
+    """Tables and texts, neither markup nor escapes in them."""
+    console = wide_console()
+    for part in parts:
+        console.print(sanitize_terminal(part) if isinstance(part, str) else part, markup=False, emoji=False)
 
 
 @contextmanager

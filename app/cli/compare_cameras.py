@@ -31,11 +31,20 @@ READY_S = 60.0  # MediaPipe's first load on a slow disk
 
 
 def compare_cameras(
-    home: Home, sources: tuple[str, str], *, seconds: float, alone_s: float, ruler_m: float | None, patient: Profile
+    home: Home,
+    sources: tuple[str, str],
+    *,
+    seconds: float,
+    alone_s: float,
+    ruler_m: float | None,
+    patient: Profile,
+    csv: Path | None = None,
+    plot: Path | None = None,
 ) -> Comparison:
     """Both cameras for so long, or until Ctrl-C; a number and Enter is the ruler's value in cm from then on.
 
-    alone_s: the first one alone before that, so that the other's cost shows. Raises AppError, HardwareError.
+    alone_s: the first one alone before that, so that the other's cost shows. csv, plot: files to write.
+    Raises AppError, HardwareError.
     """
     config = load_config(home.config)
     cameras = [parse_camera(source, config.camera) for source in sources]
@@ -51,10 +60,16 @@ def compare_cameras(
             _run(alone, lookers, alone_s, lambda: None)
             console.print(tr("compare.alone", camera=sources[0], fps=alone.total(0).fps))
         lookers.append(Looker(setups[1]))
-        with Live(console=console, auto_refresh=False) as live:
-            _run(comparison, lookers, seconds, lambda: live.update(comparison_table(comparison), refresh=True))
-            comparison.finish()
-            live.update(comparison_table(comparison), refresh=True)
+        try:
+            with Live(console=console, auto_refresh=False) as live:
+                _run(comparison, lookers, seconds, lambda: live.update(comparison_table(comparison), refresh=True))
+                comparison.finish()
+                live.update(comparison_table(comparison), refresh=True)
+        finally:  # a stdout that is full or closed ends Live with an error, and costs no file
+            if csv is not None:
+                write_csv(comparison, csv)
+            if plot is not None:
+                write_plot(comparison, plot)
     finally:
         for looker in lookers:
             looker.close()

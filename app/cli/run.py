@@ -21,11 +21,11 @@ from app.cli.common import (
     check_terminal,
     print_text,
     refuse_options,
+    shown_after,
     spinner,
     wide_console,
 )
 from app.system.config import CameraKind, JointsKind, load_config, with_choices
-from app.system.files import write_whole
 from app.system.paths import Home, find_home, hold_home
 from profiles.schema import DistanceUsed
 
@@ -135,13 +135,13 @@ def demo(
 
     What the patient's vocabulary lacks is done by key.
     """
-    import json
     from tempfile import TemporaryDirectory
 
     from app.demo.drives import busy_processes, joints_for
     from app.demo.scenario import ALL_TWELVE
     from app.demo.session import demo_config, demo_patient, print_result, run_session
     from app.demo.two_hosts import second_computer
+    from app.evaluate.harness import write_json
     from app.system.diagnostics_log import set_verbose, start_log
     from app.system.hand_model import set_up_model
     from app.system.legs_lock import check_legs_free
@@ -179,11 +179,14 @@ def demo(
                 patient=wearer,
                 other=other,
             )
-    if json_file is not None:
-        write_whole(json_file, f"{json.dumps(result.as_json(ALL_TWELVE), indent=1)}\n".encode())
-    print_result(console, result, ALL_TWELVE)
-    if record:
-        _print_recorded(place.logs, result.session)
+
+    def print_all() -> None:
+        print_result(console, result, ALL_TWELVE)
+        if record:
+            _print_recorded(place.logs, result.session)
+
+    with shown_after(print_all):
+        write_json(result.as_json(ALL_TWELVE), json_file)
     raise typer.Exit(0 if result.passed(ALL_TWELVE) else 1)
 
 

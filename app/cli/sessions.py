@@ -18,6 +18,7 @@ from app.cli.common import (
     check_output_folder,
     print_answer,
     print_text,
+    shown_after,
     sql_of,
     wide_console,
 )
@@ -198,23 +199,24 @@ def outcomes(
     home: HomeOption = None,
 ) -> None:
     """Steps, distance, speed, cadence, symmetry, up-time, ranges of motion and dose of one patient's sessions."""
-    from msgspec import json as text
-
+    from app.evaluate.harness import write_json
     from app.outcomes.history import outcomes_of, outcomes_of_patient
     from app.outcomes.table import outcomes_table, remarks, sources
-    from app.system.files import write_whole
 
     where = find_home(home)
     if patient and not sessions:
         found, refused = outcomes_of_patient(where, patient)
     else:
         found, refused = outcomes_of(where.logs, sessions or ["last"], patient), []
-    if json is not None:
-        write_whole(json, text.format(text.encode(found), indent=1) + b"\n")
-    wide_console().print(outcomes_table(found))
-    for code, values in remarks(found):
-        print_text(code, **values)
-    for error in refused:
-        typer.echo(render(error))
-    for line in sources():
-        typer.echo(line)
+
+    def print_all() -> None:
+        wide_console().print(outcomes_table(found))
+        for code, values in remarks(found):
+            print_text(code, **values)
+        for error in refused:
+            typer.echo(render(error))
+        for line in sources():
+            typer.echo(line)
+
+    with shown_after(print_all):
+        write_json(found, json)

@@ -15,7 +15,17 @@ import typer
 from rich.console import Console
 from rich.live import Live
 
-from app.cli.common import HomeOption, Json, bar, check_figure, check_finite, check_output, refuse_options, wide_console
+from app.cli.common import (
+    HomeOption,
+    Json,
+    bar,
+    check_figure,
+    check_finite,
+    check_output,
+    refuse_options,
+    shown_after,
+    wide_console,
+)
 from app.cli.permission import sign_in
 from app.ipc.states import Action
 from app.system.config import load_config, load_device
@@ -69,14 +79,21 @@ def simulate(
         _drop_out(console, profile_named(place, profile), device, json_file, plot_file)
         return
     norm = read_norm(gait) if gait is not None else None
+    correlations: list[str] = []
     if action == "corners":
         rows = _at_the_corners(console, device)
     else:
         wearer = profile_named(place, profile)
-        wanted = _Wanted(norm=norm, plot_file=plot_file, video=video, preflight=place if preflight else None)
+        wanted = _Wanted(
+            norm=norm,
+            plot_file=plot_file,
+            video=video,
+            preflight=place if preflight else None,
+            correlations=correlations,
+        )
         rows = [(wearer, verdict) for verdict in _rehearsed(console, wearer, device, action, wanted)]
-    write_json([{"patient": who.identifier, **msgspec.to_builtins(verdict)} for who, verdict in rows], json_file)
-    console.print(verdict_table(rows))
+    with shown_after([*correlations, verdict_table(rows)]):
+        write_json([{"patient": who.identifier, **msgspec.to_builtins(verdict)} for who, verdict in rows], json_file)
     if not all(verdict.passed for _, verdict in rows):
         raise typer.Exit(1)
 
@@ -89,8 +106,9 @@ class _Wanted:
     plot_file: Path | None
     video: Path | None
     preflight: Home | None  # where the verdict is kept
+    correlations: list[str]  # with the norm, a line an action
 
-    def keep(self, console: Console, shown: Rehearsal, patient: Patient, device: Exoskeleton, *, many: bool) -> None:
+    def keep(self, shown: Rehearsal, patient: Patient, device: Exoskeleton, *, many: bool) -> None:
         """Pre-flight, plot, film and correlation with the norm, as far as they are wanted."""
         from app.evaluate.loop.rehearsal import correlation, film, plot
         from app.motion.preflight import keep_verdict
@@ -104,7 +122,7 @@ class _Wanted:
             film(shown, patient.body, named(self.video, action.name, many=many))
         if self.norm is not None and len(shown.starts) > 4:
             values = correlation(shown, self.norm)
-            console.print(tr("evaluate.rehearsal.correlation", action=action, **values), markup=False)
+            self.correlations.append(tr("evaluate.rehearsal.correlation", action=action, **values))
 
 
 def _at_the_corners(console: Console, device: Exoskeleton) -> list[tuple[Profile, RehearsalVerdict]]:
@@ -125,10 +143,10 @@ def _drop_out(
 
     with bar(console, wearer.identifier, len(Action) * len(MISSING_MS)) as step:
         found = all_dropouts(patient_of(wearer, device), device, step)
-    write_json([msgspec.to_builtins(one) for one in found], json_file)
-    if plot_file is not None:
-        plot_dropouts(found, plot_file)
-    console.print(dropout_table(found))
+    with shown_after([dropout_table(found)]):
+        write_json([msgspec.to_builtins(one) for one in found], json_file)
+        if plot_file is not None:
+            plot_dropouts(found, plot_file)
     if any(one.guard_refusal is not None for one in found):
         raise typer.Exit(1)
 
@@ -146,7 +164,7 @@ def _rehearsed(
     with bar(console, wearer.identifier, len(actions)) as step:
         for one in actions:
             shown = rehearse(patient, device, one)
-            wanted.keep(console, shown, patient, device, many=len(actions) > 1)
+            wanted.keep(shown, patient, device, many=len(actions) > 1)
             step()
             yield shown.verdict
 

@@ -232,7 +232,7 @@ def read_footage(where: Path, labels: Path | None = None) -> Footage:
 
 def _read_video(where: Path, table: Path) -> Footage:
     video, count = _open(where), 0
-    while video.grab():  # up to the first that is damaged, whatever the header claims
+    while video.grab():  # counted: a header may estimate, or name frames that were cut off
         count += 1
     if not count:
         raise AppError(EvaluateFault.VIDEO_UNREADABLE, file=where)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,16 +10,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from app.cli.common import bar, check_figure, check_finite, check_output, wide_console
+from app.evaluate.harness import reading
 from app.system.config import load_config
 from app.system.hand_model import set_up_model
 from app.system.paths import find_home
 from app.text.catalogue import render, tr
-from logs.reason import sanitize_terminal
 
 if TYPE_CHECKING:
     from concurrent.futures import ProcessPoolExecutor
-
-    from rich.table import Table
 
     from kgdfa.keypoints import HandDetector
     from logs.reason import Reason
@@ -33,9 +31,21 @@ Focal = Annotated[
 ]
 Seeds = Annotated[str, typer.Option(help="Digital hands: seeds and ranges of seeds, separated by commas.")]
 Click = Annotated[str, typer.Option(help="Seconds to press and withdraw: 0.3, or a range, 0.3-0.8.")]
+
+
+def check_keypoints(path: Path | None) -> Path | None:
+    """An option's callback: a file that is there is only read. Raises AppError before the work begins."""
+    if path is not None:
+        with reading(path):
+            if path.is_file():
+                path.open("rb").close()
+                return path
+    return check_output(path)
+
+
 Keypoints = Annotated[
     Path | None,
-    typer.Option(callback=check_output, help="Keep the keypoints in this npz, and use it when it is there."),
+    typer.Option(callback=check_keypoints, help="Keep the keypoints in this npz, and use it when it is there."),
 ]
 Directory = Annotated[Path | None, typer.Argument(help="Folder with labels.csv and images.")]
 
@@ -70,8 +80,12 @@ def progress(what: str, total: int, **values: object) -> AbstractContextManager[
 
 @contextmanager
 def status_line() -> Iterator[Callable[[str], None]]:
-    """A spinner; the yielded function sets the text beside it."""
-    with wide_console().status(tr("evaluate.progress.fitting")) as status:
+    """A spinner, on a terminal; the yielded function sets the text beside it."""
+    console = wide_console()
+    if not console.is_interactive:
+        yield lambda _: None
+        return
+    with console.status(tr("evaluate.progress.fitting")) as status:
         yield status.update
 
 
@@ -82,18 +96,3 @@ def unreadable_lines(unreadable: Mapping[str, Reason], key: str = "unreadable", 
     """
     lines = [f"  {path}: {render(why)}" for path, why in unreadable.items()]
     return [tr(f"evaluate.{key}", count=rows or len(lines)), *lines] if lines else []
-
-
-@contextmanager
-def shown_after(parts: Iterable[Table | str]) -> Iterator[None]:
-    """Write within, then show: a closed stdout costs no file, and a full disk none of what is shown."""
-    try:
-        yield
-    finally:
-        show(*parts)
-
-
-def show(*parts: Table | str) -> None:
-    console = wide_console()
-    for part in parts:
-        console.print(sanitize_terminal(part) if isinstance(part, str) else part, markup=False, emoji=False)

@@ -8,15 +8,23 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 import typer
 
-from app.cli.common import MAX_SEED, HomeOption, Json, check_figure, check_output, check_output_folder, refuse_options
+from app.cli.common import (
+    MAX_SEED,
+    HomeOption,
+    Json,
+    check_figure,
+    check_output_folder,
+    refuse_options,
+    show,
+    shown_after,
+)
 from app.cli.evaluate.common import (
     Directory,
     Keypoints,
+    check_keypoints,
     hand_model,
     open_detector,
     progress,
-    show,
-    shown_after,
     status_line,
     unreadable_lines,
 )
@@ -86,7 +94,7 @@ def gestures(
         Path | None,
         typer.Option(
             "--with-keypoints",
-            callback=check_output,
+            callback=check_keypoints,
             help="Keep the keypoints of --with in this npz, and use it when it is there.",
         ),
     ] = None,
@@ -257,7 +265,7 @@ def video(
     home: HomeOption = None,
 ) -> None:
     """How steadily both rule sets recognise gestures in labelled footage."""
-    from app.evaluate.gestures.measures import measure_sequence, run_sequence, verdict_and_vote
+    from app.evaluate.gestures.measures import measure_sequence, run_sequence, verdicts_and_votes
     from app.evaluate.gestures.report import sequence_shown
 
     footage, figures = read_footage(where, labels), {}
@@ -266,9 +274,7 @@ def video(
     for rules in rule_sets:
         with progress("rules", len(footage.labels), rules=rules.name) as step:
             reports = run_sequence(footage, hand_model(home), rules, step)
-        pairs = [verdict_and_vote(report) for report in reports]
-        raw, voted = ([pair[number] for pair in pairs] for number in (0, 1))
-        figures[rules.name] = measure_sequence(footage.labels, raw, voted)
+        figures[rules.name] = measure_sequence(footage.labels, *verdicts_and_votes(reports))
     unreadable = [path for path, report in zip(footage.paths, reports, strict=False) if report is None]
     counts = {"frames": len(footage.labels), "claimed_frames": footage.claimed_frames}
     with shown_after(sequence_shown(where, figures, unreadable, footage.claimed_frames)):

@@ -8,16 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 import msgspec
 import typer
 
-from app.cli.common import HomeOption, Json, check_output, check_output_folder, spinner, wide_console
-from app.cli.evaluate.common import (
-    Click,
-    Seeds,
-    hand_model,
-    progress,
+from app.cli.common import (
+    HomeOption,
+    Json,
+    check_appended,
+    check_output_folder,
     show,
     shown_after,
-    status_line,
+    spinner,
+    wide_console,
 )
+from app.cli.evaluate.common import Click, Seeds, hand_model, progress, status_line
 from app.demo.scenario import ALL_TWELVE
 from app.evaluate.harness import click_range, require_extra, seed_numbers, write_json, writing
 from app.system.config import load_config, load_device
@@ -84,7 +85,7 @@ def response(
     click: Click = "0.3",
     keep: Annotated[
         Path | None,
-        typer.Option(callback=check_output, help="Keep each session's figures in this file; go on where it ends."),
+        typer.Option(callback=check_appended, help="Keep each session's figures in this file; go on where it ends."),
     ] = None,
     json_file: Json = None,
     home: HomeOption = None,

@@ -8,7 +8,16 @@ from typing import Annotated
 import msgspec
 import typer
 
-from app.cli.common import MAX_SEED, HomeOption, Json, check_finite, check_output, refuse_options
+from app.cli.common import (
+    MAX_SEED,
+    HomeOption,
+    Json,
+    check_appended,
+    check_finite,
+    check_output,
+    refuse_options,
+    shown_after,
+)
 from app.cli.evaluate.common import (
     Click,
     Focal,
@@ -19,8 +28,6 @@ from app.cli.evaluate.common import (
     hand_model,
     open_detector,
     progress,
-    show,
-    shown_after,
 )
 from app.evaluate.harness import DISTANCES_CM, click_range, seed_numbers, write_json
 from app.evaluate.readings import DISTANCE_COLUMNS, read_frames
@@ -149,7 +156,7 @@ def foreign(
     seed: Annotated[int, typer.Option(help="Another seed, other hands and movements.", min=0, max=MAX_SEED)] = 1,
     keep: Annotated[
         Path | None,
-        typer.Option(callback=check_output, help="Keep each clip's figures in this file; go on where it ends."),
+        typer.Option(callback=check_appended, help="Keep each clip's figures in this file; go on where it ends."),
     ] = None,
     workers: Workers = 2,
     json_file: Json = None,
@@ -180,10 +187,9 @@ def press_zone(
     """How near each gesture is tracked, with two lenses, and whether a push commands."""
     from app.evaluate.trigger.press_zone import evaluate_press_zone, steps, zone_lines, zone_table
 
-    show(*zone_lines())
     with detector_processes(home, workers, steps(hands)) as (pool, step):
         rows = evaluate_press_zone(pool, hands=hands, step=step)
-    with shown_after([zone_table(rows)]):
+    with shown_after([*zone_lines(), zone_table(rows)]):
         write_json({"hands": hands, "rows": msgspec.to_builtins(rows)}, json_file)
 
 

@@ -7,8 +7,8 @@ from typing import Annotated
 
 import typer
 
-from app.cli.common import MAX_SEED, Json, check_output_folder
-from app.cli.evaluate.common import progress, shown_after
+from app.cli.common import MAX_SEED, Json, check_output_folder, shown_after
+from app.cli.evaluate.common import progress
 from app.evaluate.harness import require_extra, write_json
 from app.evaluate.voice.speech import Voices
 from app.text.catalogue import tr

@@ -18,8 +18,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from app.evaluate.harness import Step, mean, require_extra
+from app.evaluate.harness import EvaluateFault, Step, mean, require_extra
 from app.evaluate.readings import GESTURE_NAMES, NO_HAND, SKIP, Footage, LabelledImage
+from app.system.errors import AppError
 from kgdfa.button import ButtonPlace
 from kgdfa.gesture import END_FRAMES, VOTE_FRAMES, RuleSet, Verdict
 from kgdfa.hand import FloatArray
@@ -170,7 +171,10 @@ class SequenceFigures:
 
 
 def run_sequence(footage: Footage, model: Path, rules: RuleSet, step: Step = lambda: None) -> list[Report | None]:
-    """The whole chain over labelled footage, at its own rate; None for a frame that can't be read."""
+    """The whole chain over labelled footage, at its own rate; None for a frame that can't be read.
+
+    Raises AppError where none can be read.
+    """
     from kgdfa.keypoints import live_detector
 
     finder = RobustRange(focal_px=footage.focal_px, reference_m=footage.reference_m)
@@ -188,13 +192,18 @@ def run_sequence(footage: Footage, model: Path, rules: RuleSet, step: Step = lam
             given = None if image is None else PipelineInput(image_bgr=image, captured_ns=number * footage.period_ns)
             reports.append(None if given is None else pipeline.process(given))
             step()
+    if footage.paths and not any(reports):
+        raise AppError(EvaluateFault.IMAGE_UNREADABLE, file=footage.paths[0])
     return reports
 
 
-def measure_sequence(labels: Sequence[str], raw: Sequence[str], voted: Sequence[str]) -> SequenceFigures:
-    """Figures from labels (a gesture, none:<what> or skip), single verdicts and votes, one each a frame."""
+def measure_sequence(labels: Sequence[str], raw: Sequence[str | None], voted: Sequence[str]) -> SequenceFigures:
+    """Figures from labels (a gesture, none:<what> or skip), single verdicts and votes, one each a frame.
+
+    A frame that can't be read (verdict None) counts in no share where no gesture is shown: nothing was refused.
+    """
     truth = [label if label in GESTURE_NAMES else SKIP if label == SKIP else NONE for label in labels]
-    counted = [k for k, label in enumerate(truth) if label != SKIP]
+    counted = [k for k, label in enumerate(truth) if label in GESTURE_NAMES or (label == NONE and raw[k] is not None)]
     stretches = _stretches(truth)
     long = [one for one in stretches if one[0] in GESTURE_NAMES and one[2] - one[1] > VOTE_FRAMES]
     first = [next((k for k in range(start, stop) if voted[k] == name), None) for name, start, stop in long]
@@ -231,9 +240,15 @@ def _false_onsets(truth: Sequence[str], voted: Sequence[str]) -> int:
     return count
 
 
-def verdict_and_vote(report: Report | None) -> tuple[str, str]:
-    """A report's single verdict and its voted gesture, by name; without a report none."""
-    if report is None:
-        return NONE, NONE
-    raw = report.verdict.gesture if report.verdict else None
-    return (raw.value if raw else NONE, report.gesture.value if report.gesture else NONE)
+def verdicts_and_votes(reports: Iterable[Report | None]) -> tuple[list[str | None], list[str]]:
+    """Single verdicts and voted gestures, by name; a frame without a report has no verdict and leaves the vote."""
+    raw, voted = list[str | None](), list[str]()
+    for report in reports:
+        if report is None:
+            raw.append(None)
+            voted.append(voted[-1] if voted else NONE)
+        else:
+            accepted = report.verdict.gesture if report.verdict else None
+            raw.append(accepted.value if accepted else NONE)
+            voted.append(report.gesture.value if report.gesture else NONE)
+    return raw, voted

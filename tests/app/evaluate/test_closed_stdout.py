@@ -15,20 +15,28 @@ import numpy as np
 import pytest
 
 from app.cli import evaluate as commands
-from app.cli.evaluate.common import shown_after
+from app.cli import run, sessions, simulate
+from app.cli.common import shown_after
+from app.cli.evaluate.common import status_line
 from app.cli.tree import command
 from app.evaluate.gestures.images import save_hands
-from app.evaluate.harness import write_json
+from app.evaluate.harness import EvaluateFault, write_json
+from app.evaluate.loop.rehearsal import NORM_FILE, NORM_SPEED
 from app.evaluate.readings import DetectedImage, LabelledImage
 from app.system.errors import AppError
 from kgdfa.gesture import Gesture
+from testing.trails import write_sample
 from tests.app.evaluate.test_full_disk import full_disk
 from tests.kgdfa.hands import STATES, drawn_hand
 
-SOURCES = sorted(Path(commands.__file__).parent.glob("*.py"))
+SOURCES = [
+    *Path(commands.__file__).parent.glob("*.py"),
+    *(Path(str(one.__file__)) for one in (run, sessions, simulate)),
+]
+SHOWING = {"show", "print", "print_text", "echo"}
 FUNCTIONS = {
     f"{file.stem}.{node.name}": node
-    for file in SOURCES
+    for file in sorted(SOURCES)
     for node in ast.parse(file.read_text("utf-8")).body
     if isinstance(node, ast.FunctionDef) and "write_json(" in ast.unparse(node)
 }
@@ -42,11 +50,14 @@ class FullStdout(io.StringIO):
 
 
 def calls(node: ast.AST) -> set[str]:
-    return {ast.unparse(one.func) for one in ast.walk(node) if isinstance(one, ast.Call)}
+    """What it calls itself, not in the functions within."""
+    within = [one for one in ast.walk(node) if isinstance(one, ast.FunctionDef) and one is not node]
+    later = {one for function in within for one in ast.walk(function)}
+    return {ast.unparse(one.func) for one in ast.walk(node) if isinstance(one, ast.Call) and one not in later}
 
 
 def test_every_command_with_figures_is_tried() -> None:
-    assert len(FUNCTIONS) >= 16
+    assert len(FUNCTIONS) >= 20
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
@@ -56,6 +67,23 @@ def test_every_command_writes_its_figures_before_it_shows_them(name: str) -> Non
     written = {what for what in calls(FUNCTIONS[name]) if what.rpartition(".")[2].startswith(("write_", "plot_"))}
     assert "write_json" in written
     assert written <= set().union(*map(calls, within.body))
+    assert not SHOWING & {what.rpartition(".")[2] for what in calls(FUNCTIONS[name])}
+
+
+def test_a_full_stdout_stops_no_work_that_is_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "stdout", FullStdout())
+    with status_line() as status:
+        status("fold")
+
+
+def test_a_full_stdout_costs_no_figure_of_a_rehearsal(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    rows = "".join(f"{percent},1,{percent},1,{percent},{NORM_SPEED}\n" for percent in (0, 50, 100))
+    (tmp_path / NORM_FILE).write_text(f"gait_pct,hip_sd,hip_mean,knee_sd,knee_mean,speed\n{rows}")
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(sys, "stdout", FullStdout())
+    with pytest.raises(OSError, match="No space left"):
+        command().main(["simulate", "walk", "--gait", ".", "--json", "o.json", "--home", "."], standalone_mode=False)
+    assert msgspec.json.decode(Path("o.json").read_bytes())[0]["patient"] == "demo"
 
 
 @pytest.mark.parametrize(
@@ -85,3 +113,14 @@ def test_what_can_not_be_written_is_shown(tmp_path: Path, capsys: pytest.Capture
     with full_disk(), pytest.raises(AppError), shown_after(["macro-F1 0.98"]):
         write_json({"macro_f1": 0.98}, tmp_path / "o.json")
     assert capsys.readouterr().out == "macro-F1 0.98\n"
+
+
+def test_outcomes_that_can_not_be_written_are_shown_and_the_error_names_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_sample(tmp_path, minutes=0.1, patient="P-017")
+    with full_disk(), pytest.raises(AppError) as refused:
+        command().main(["outcomes", "last", "--json", "o.json", "--home", "."], standalone_mode=False)
+    assert (refused.value.code, refused.value.values["file"]) == (EvaluateFault.FILE_UNWRITABLE, Path("o.json"))
+    assert "P-017" in capsys.readouterr().out

@@ -8,10 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from app.evaluate.gestures.measures import SequenceFigures, measure_sequence, run_sequence, verdict_and_vote
+from app.evaluate.gestures.measures import SequenceFigures, measure_sequence, run_sequence, verdicts_and_votes
 from app.evaluate.gestures.report import sequence_shown, sequence_table
+from app.evaluate.harness import EvaluateFault
 from app.evaluate.readings import Footage
 from app.perception.pipeline import RULES
+from app.system.errors import AppError
+from kgdfa.gesture import Gesture
 
 
 def test_a_steady_sequence_is_all_right() -> None:
@@ -54,8 +57,37 @@ def test_the_chain_over_footage_guides_its_detector_as_a_sessions_does(monkeypat
     )
     reports = run_sequence(footage, Path("model"), RULES["robust"]())
     assert [report is None for report in reports] == [False, True, False], "one that can't be read"
-    assert verdict_and_vote(reports[1]) == ("none", "none")
+    assert verdicts_and_votes(reports) == (["none", None, "none"], ["none"] * 3)
     assert len(followed) == 2
+
+
+def test_a_frame_that_can_not_be_read_refuses_nothing_and_ends_no_vote() -> None:
+    three: Any = SimpleNamespace(verdict=SimpleNamespace(gesture=Gesture.THREE), gesture=Gesture.THREE)
+    nothing: Any = SimpleNamespace(verdict=None, gesture=None)
+    raw, voted = verdicts_and_votes([None, *[three] * 4, None, *[three] * 4, nothing, None, three, nothing])
+    assert voted == ["none", *["3"] * 9, "none", "none", "3", "none"]
+    figures = measure_sequence([*["3"] * 10, *["none:ok"] * 4], raw, voted)
+    assert figures.frame_accuracy == pytest.approx((8 + 2) / (10 + 3)), "the eleventh, twelfth and fourteenth"
+    assert figures.voted_accuracy == pytest.approx((9 + 2) / (10 + 3))
+    assert (figures.shown, figures.recognised, figures.broken, figures.delay_frames) == (1, 1, 0, 1)
+    unread = measure_sequence(["none:ok"] * 5, [None] * 5, ["none"] * 5)
+    assert (unread.frame_accuracy, unread.voted_accuracy) == (None, None)
+
+
+def test_footage_of_which_no_frame_can_be_read_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
+    detector: Any = SimpleNamespace(follow=None)
+    monkeypatch.setattr("kgdfa.keypoints.live_detector", lambda _: nullcontext(detector))
+    footage = Footage(
+        labels=("none:ok",) * 2,
+        focal_px=160.0,
+        reference_m=0.08,
+        period_ns=33_000_000,
+        frames=lambda: iter([None, None]),
+        paths=(Path("a/1.jpg"), Path("a/2.jpg")),
+    )
+    with pytest.raises(AppError) as refused:
+        run_sequence(footage, Path("model"), RULES["robust"]())
+    assert (refused.value.code, refused.value.values["file"]) == (EvaluateFault.IMAGE_UNREADABLE, Path("a/1.jpg"))
 
 
 def test_counts_and_shares_of_footage_are_not_rounded_up() -> None:
@@ -78,6 +110,6 @@ def test_a_header_that_claims_more_frames_than_can_be_read_is_shown(claimed: int
     figures = {"robust": measure_sequence(["skip"] * 3, ["none"] * 3, ["none"] * 3)}
     cut = [*sequence_shown(Path("a.avi"), figures, [], claimed)][1:]
     assert len(cut) == lines
-    assert all("3 frames can be read" in str(line) and str(claimed) in str(line) for line in cut)
+    assert all(f"estimates {claimed}: cut off, damaged, or of an uneven rate" in str(line) for line in cut)
     (unreadable,) = [*sequence_shown(Path("a"), figures, [Path("a/1.jpg")], None)][1:]
-    assert unreadable == "a/1.jpg can't be read and counts as none."
+    assert str(unreadable).startswith("a/1.jpg can't be read: its single verdict is none where a gesture is shown")

@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from app.cli.evaluate.common import show, unreadable_lines
+from app.cli.common import show
+from app.cli.evaluate.common import unreadable_lines
 from app.evaluate.distance.frames import figures as distance_figures
 from app.evaluate.distance.frames import measure_frames
 from app.evaluate.gestures.ablation import measure_preparations, photos, preparation_table
