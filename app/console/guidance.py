@@ -182,6 +182,13 @@ _STEPS: tuple[tuple[_Applies, str, str], ...] = (
     (lambda state, _: not state.snapshot_fresh and _unanswered(state), "drives_silent", "bold $error"),
     (lambda state, _: not state.snapshot_fresh and _gone(state, "control"), "control_ended", "bold $error"),
     (lambda state, _: not state.snapshot_fresh, "control_silent", "bold $error"),
+    (
+        lambda state, now: (
+            now is not None and now.effect is Effect.DAMP and not now.enabled and not needs_torque_off(state)
+        ),
+        "off",
+        "bold $error",
+    ),
     (lambda _, now: now is not None and now.effect is Effect.DAMP, "damped", "bold $error"),
     (
         lambda state, now: now is not None and now.action is None and process_ended(state),

@@ -13,10 +13,11 @@ from app.console.screens.signin import SignInDialog
 from app.system.authority import Authority, unsigned
 from app.system.config import Config, SessionSetup
 from app.system.errors import AppError
-from app.system.operators import Permission, append_to_journal, load_store, needs_sign_in
+from app.system.operators import Permission, load_store, needs_sign_in
 from app.system.paths import Home
 from app.text.catalogue import tr
-from logs.records import Body, Entry
+from logs.errors import AuditError
+from logs.records import Body, Entry, SignIn
 
 
 class SignedInApp(App[None]):
@@ -121,14 +122,25 @@ class ConsoleTrail:
         if self._sink is not None:
             self._sink.emit(body)
         elif len(self._waiting) < _MOST_WAITING:
-            self._waiting.append(entry_now("console", self._operator(), body))
+            operator = body.name if isinstance(body, SignIn) else self._operator()  # nobody is signed in before it
+            self._waiting.append(entry_now("console", operator, body))
 
     def keep(self, home: Home) -> None:
-        """What no session took goes into the operators' journal. Raises AuditError when the disk refuses."""
-        while self._waiting:
-            entry = self._waiting[0]
-            append_to_journal(home, entry.body, entry.operator, (entry.wall_ns, entry.monotonic_ns))
-            del self._waiting[0]  # what was refused is kept later
+        """What no session took goes into the operators' journal; may take a second, and may run beside `emit`.
+
+        Raises AuditError when the disk refuses: the records are kept later, or stand there without their anchor.
+        """
+        if not (waiting := tuple(self._waiting)):
+            return
+        from app.system.operators_journal import append_waiting, are_recorded  # brings cryptography
+
+        try:
+            append_waiting(home, waiting)
+        except AuditError as error:
+            if are_recorded(error):
+                del self._waiting[: len(waiting)]
+            raise
+        del self._waiting[: len(waiting)]
 
     def close(self) -> None:
         """The session ends."""

@@ -26,7 +26,7 @@ from app.console.stop import StopSwitch
 from app.ipc.messages import OperatorKind, PerceptionCommand
 from app.link.questions import require_joints
 from app.outcomes.guided import GuidedStop
-from app.session.host import make_setup
+from app.session.host import END_S, START_S, make_setup
 from app.system.authority import Authority
 from app.system.config import Config, Purpose, SessionSetup
 from app.system.errors import AppError, ConsoleFault
@@ -61,6 +61,8 @@ class SessionFlow(SignedInApp):
         self.guided = GuidedTests(self.trail.emit)
         self.kept: dict[str, Dialog[Any]] = {}
         self._lock: Dialog[Any] | None = None  # the newest; it may have been opened since
+        self._beginning = asyncio.Lock()  # who waits for it finds the session that was begun meanwhile
+        self._ending_held = False  # a training or an enrolment that was left held
 
     @property
     def locked(self) -> bool:
@@ -119,8 +121,11 @@ class SessionFlow(SignedInApp):
         got to went with its console, and the live screen would confirm and arm.
         """
         if held.purpose != "session":
-            self.notify(tr("take_over.ending"))
-            self.run_worker(self._end_held(self._make_host(held)))
+            host = self._make_host(held)
+            self._ending_held = True
+            await self.push_screen(PatientsScreen())
+            self._notify_ending()
+            self.run_worker(self._end_held(host))
             return
         live = self._live_of(held)
         if needs_sign_in(held.config):
@@ -137,7 +142,7 @@ class SessionFlow(SignedInApp):
         await self._show(live, SessionScreen())
 
     async def _end_held(self, host: Host) -> None:
-        """Its commands count from the takeover on; the list comes when its processes have left camera and legs."""
+        """Its commands count from the takeover on; nothing begins before its processes have left camera and legs."""
 
         def end() -> None:
             try:
@@ -145,11 +150,18 @@ class SessionFlow(SignedInApp):
             finally:
                 host.close()
 
+        fault = ""
         try:
             await asyncio.to_thread(end)
         except USER_ERRORS as error:
-            self.notify(render(error), severity="error", timeout=15, markup=False)
-        await self.show_patients()
+            fault = render(error)
+        self._ending_held = False
+        self.clear_notifications()  # that it is being ended
+        if fault:
+            self.notify(fault, severity="error", timeout=15, markup=False)
+
+    def _notify_ending(self) -> None:
+        self.notify(tr("take_over.ending"), timeout=START_S + END_S)
 
     async def end_session_asking(self) -> None:
         """End the session; while drives are powered, only after a yes. An observer just leaves."""
@@ -262,18 +274,23 @@ class SessionFlow(SignedInApp):
     async def _begin(
         self, profile: Profile, config: Config, screen: Screen[None], purpose: Purpose = "session"
     ) -> None:
-        if self.live is not None:
+        if self._ending_held:
+            self._notify_ending()
             return
         moves = None if self.read_only else Permission.OPERATE
-        try:
-            if config.joints.host and not self.read_only:
-                await asyncio.to_thread(require_joints, self.home, config.joints.host)
-            self.trail.keep(self.home)  # of before this session
-            setup = make_setup(self.home, config, profile, self.signed_in, moves, purpose=purpose)
-        except USER_ERRORS as error:
-            self.notify(render(error), severity="error", timeout=15, markup=False)
-            return
-        await self._show(self._live_of(setup), screen)
+        async with self._beginning:
+            if self.live is not None:
+                return
+            try:
+                if config.joints.host and not self.read_only:
+                    await asyncio.to_thread(require_joints, self.home, config.joints.host)
+                await asyncio.to_thread(self.trail.keep, self.home)  # of before this session
+                setup = make_setup(self.home, config, profile, self.signed_in, moves, purpose=purpose)
+            except USER_ERRORS as error:
+                self.notify(render(error), severity="error", timeout=15, markup=False)
+                return
+            live = self._live_of(setup)
+        await self._show(live, screen)
 
     def _live_of(self, setup: SessionSetup) -> LiveSession:
         """A session, new or running, that STOP reaches."""

@@ -12,7 +12,7 @@ from msgspec import Struct
 from app.system.errors import AppError
 from logs.disk import append_line
 from logs.reading.errors import InputError, cause_of
-from logs.reading.formats import MAX_JSON_LINES, decode_json
+from logs.reading.formats import MAX_JSON_LINES, decode_json, decode_json_lines
 from logs.reading.regular import read_bytes
 
 
@@ -60,13 +60,16 @@ class Records(Generic[R]):
         self._kind: type[R] = kind
 
     def of(self, patient: str) -> tuple[R, ...]:
-        """Oldest first, without lines that a loss of power has cut off."""
+        """Oldest first, without lines that a loss of power has cut off or left as NULs."""
         path = self._folder / f"{patient}.jsonl"
         if not path.exists():
             return ()
         try:
-            lines = read_bytes(path, MAX_JSON_LINES).split(b"\n")
-            return tuple(record for line in lines if line.strip() and (record := self._record(line)) is not None)
+            data = read_bytes(path, MAX_JSON_LINES)
+            begin = b'{"%s":' % self._kind.__struct_fields__[0].encode()
+            if begin in data or begin.startswith(data):  # any other file is refused, not read as an empty index
+                data = b"\n".join(line for line in data.split(b"\n") if _is_json(line))
+            return decode_json_lines(data, self._kind)
         except OSError as error:
             raise AppError(SessionIndexFault.UNREADABLE, path=path, detail=cause_of(error)) from error
 
@@ -79,12 +82,11 @@ class Records(Generic[R]):
         except OSError as error:
             raise AppError(SessionIndexFault.NOT_WRITTEN, path=path, detail=error.strerror) from error
 
-    def _record(self, line: bytes) -> R | None:
-        """None of a line that begins as a record does and is none: it was cut off."""
-        begin = b'{"%s":' % self._kind.__struct_fields__[0].encode()
-        try:
-            return decode_json(line, self._kind)
-        except InputError:
-            if line.startswith(begin) or begin.startswith(line):
-                return None
-            raise
+
+def _is_json(line: bytes) -> bool:
+    """Whatever its values; what was cut off, or holds a NUL, is none."""
+    try:
+        decode_json(line, msgspec.Raw)
+    except InputError:
+        return False
+    return True

@@ -76,6 +76,12 @@ class DriveOrder(Enum):
     DISABLE = "disable"
 
 
+class DriveNotice(Enum):
+    """What control records about the drives' power that no command gives."""
+
+    FOLLOWED_GUARDIAN = "followed-guardian"
+
+
 class Outputs(Struct, frozen=True, kw_only=True):
     """What the loop has to do after a tick."""
 

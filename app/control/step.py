@@ -23,6 +23,7 @@ from app.control.executor import (
 )
 from app.control.gait.machine import Change
 from app.control.inputs import (
+    DriveNotice,
     DriveOrder,
     Inputs,
     Outputs,
@@ -75,6 +76,7 @@ def step(state: ControlState, inputs: Inputs, settings: Settings) -> tuple[Contr
     track_pause(tick)
     probe_planner(tick)
     arbitrate(tick)
+    _apply_torque_off(tick)
     accept_plans(tick)
     advance_action(tick)
     _disable_drives(tick)
@@ -153,8 +155,6 @@ def _note_silence(tick: Tick, joints: JointDiagnostics, sank: bool) -> None:
 def _apply_effect(tick: Tick) -> None:
     """Apply the strongest effect in force, before any request is answered."""
     effect = tick.state.effect
-    if tick.drives is DriveOrder.DISABLE:  # torque off: what waits for its plan or for power ends
-        _interrupt(tick, reason(RequestRefusal.TORQUE_OFF))
     if tick.state.motion.mode is not Mode.DISABLED and not tick.state.streams.powered:
         _lose_power(tick)
     elif effect is Effect.DAMP:
@@ -166,6 +166,12 @@ def _apply_effect(tick: Tick) -> None:
         tick.change_gait(Change.INTERRUPTED)
     elif effect is Effect.REFUSE and tick.state.gait.walking:
         _end_walk(tick)
+
+
+def _apply_torque_off(tick: Tick) -> None:
+    """End what waits for its plan or for power, though it was requested in the same tick."""
+    if tick.drives is DriveOrder.DISABLE and tick.state.running is not None:
+        _interrupt(tick, reason(RequestRefusal.TORQUE_OFF))
 
 
 def _damp(tick: Tick) -> None:
@@ -237,9 +243,11 @@ def _disable_drives(tick: Tick) -> None:
     guardian = state.streams.guardian
     damped_ns = END_HOLD_NS + DAMP_NS if state.unattended else 0
     ended = state.ending_ns > 0 and tick.now_ns - state.ending_ns >= damped_ns
-    wanted = state.torque_off or ended or (guardian is not None and guardian.off)
-    if wanted and state.motion.fully_damped:
+    followed = guardian is not None and guardian.off and not (state.torque_off or ended)
+    if (state.torque_off or ended or followed) and state.motion.fully_damped:
         tick.drives = DriveOrder.DISABLE
+        if followed and tick.inputs.drive_error is None:  # once: an order that failed is given again in each tick
+            tick.audit.append(records.Note(text=reason(DriveNotice.FOLLOWED_GUARDIAN)))
         _lose_power(tick, reason(RequestRefusal.TORQUE_OFF))
     if state.ending_ns and tick.state.motion.mode is Mode.DISABLED:
         tick.drives = DriveOrder.DISABLE

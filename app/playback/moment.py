@@ -190,7 +190,7 @@ def _events(playback: Playback, names: tuple[str, ...], at_ns: int) -> tuple[Act
                 detail=text.values if isinstance(text, Reason) else {},
                 effect=_named(Effect, raised.body.effect) or Effect.NOTE,
                 since_ns=moment_ns(raised),
-                present=not playback.is_over(name, moment_ns(raised), at_ns),
+                present=not playback.is_over(name, raised, at_ns),
                 acknowledged=False,
             )
         )

@@ -92,9 +92,10 @@ class Playback:
         """The newest record that raised this event."""
         return self._raised[event].newest(at_ns) if event in self._raised else None
 
-    def is_over(self, event: str, since_ns: int, at_ns: int) -> bool:
-        """Whether its condition ended in this time."""
-        return event in self._cleared and bool(self._cleared[event].between(since_ns, at_ns))
+    def is_over(self, event: str, raised: Record, at_ns: int) -> bool:
+        """Whether its condition has ended since this record raised it."""
+        cleared = self._cleared[event].newest(at_ns) if event in self._cleared else None
+        return cleared is not None and cleared.sequence > raised.sequence
 
     def find(self, named: str) -> Record:
         """A record by its number, or the first of an event or of a kind by name. Raises AppError."""
@@ -161,11 +162,24 @@ def _pictures_beside(path: Path) -> RecordingIndex | None:
 
 
 class InTime:
-    """Records in the order of their moments."""
+    """Records in the order of their moments.
+
+    One that names no moment happened no later than the next one of its process: it was recorded at its tick's end,
+    while the next may name the tick's beginning.
+    """
 
     def __init__(self, found: Iterable[Record]) -> None:
-        self._records = sorted(found, key=lambda one: (moment_ns(one), one.sequence))
-        self._times = [moment_ns(one) for one in self._records]
+        placed: list[tuple[int, int, Record]] = []
+        next_ns: dict[str, int] = {}
+        for one in sorted(found, key=lambda one: one.sequence, reverse=True):
+            at_ns = moment_ns(one)
+            if at_ns == one.monotonic_ns:
+                at_ns = min(at_ns, next_ns.get(one.process, at_ns))
+            next_ns[one.process] = at_ns
+            placed.append((at_ns, one.sequence, one))
+        placed.sort(key=lambda one: one[:2])
+        self._times = [at_ns for at_ns, _, _ in placed]
+        self._records = [one for _, _, one in placed]
 
     def between(self, after_ns: int, until_ns: int) -> list[Record]:
         """Those after a moment up to another."""

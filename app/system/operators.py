@@ -327,15 +327,11 @@ def _checked_pin(pin: str) -> str:
 _STRANGER_HASH = "$argon2id$v=19$m=65536,t=3,p=4$AAAAAAAAAAAAAAAAAAAAAA$AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA"
 
 
-def append_to_journal(home: Home, body: Body, operator: str = "", moment_ns: tuple[int, int] | None = None) -> None:
-    """Record it for good, or raise AuditError: who may not be recorded may not be let in.
-
-    moment_ns: when it happened, by the wall clock and the monotonic one; None: now.
-    """
+def append_to_journal(home: Home, body: Body, operator: str = "") -> None:
+    """Record it for good, or raise AuditError: who may not be recorded may not be let in."""
     from logs.journal import CHANGES, OPERATORS, Moment, append_signed
     from logs.keys import load_or_make_key
 
-    wall_ns, monotonic_ns = moment_ns or (time.time_ns(), time.monotonic_ns())
-    moment = Moment(wall_ns=wall_ns, monotonic_ns=monotonic_ns, operator=operator)
+    moment = Moment(wall_ns=time.time_ns(), monotonic_ns=time.monotonic_ns(), operator=operator)
     path = home.logs / (CHANGES if isinstance(body, Change) else OPERATORS)
     append_signed(path, path.stem, [body], load_or_make_key(home.keys), moment)

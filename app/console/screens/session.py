@@ -158,7 +158,8 @@ class SessionScreen(HandKeys):
             self.notify(tr("torque_off.only_damped"), severity="warning")
             return
         torque_off = partial(self._send, OperatorKind.TORQUE_OFF)
-        ask(self.app, lambda: tr("torque_off.title"), lambda: tr("torque_off.text"), torque_off)
+        text = "torque_off.text" if snapshot.enabled else "torque_off.off"  # even so: it opens a silent bus anew
+        ask(self.app, lambda: tr("torque_off.title"), lambda: tr(text), torque_off)
 
     def action_checks(self) -> None:
         """Show the checks."""

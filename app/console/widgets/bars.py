@@ -10,6 +10,7 @@ from textual.reactive import reactive
 from textual.screen import Screen
 from textual.widget import Widget
 
+from app.console.guidance import next_step
 from app.console.state import SessionState
 from app.console.stop import StopSwitch
 from app.console.widgets.panel import cells
@@ -43,7 +44,8 @@ class StopBar(Widget):
         """Take the session's newest state; None: no session."""
         live = self._switch.live
         effect, waits_ms = (None, 0.0) if state is None else (state.effect, state.stop_waits_ms)
-        self.text = tr("stop.sent", ms=f"{waits_ms:.0f}") if live and waits_ms > 0 else self._text_of(effect)
+        off = state is not None and effect is Effect.DAMP and next_step(state)[0] == "off"
+        self.text = tr("stop.sent", ms=f"{waits_ms:.0f}") if live and waits_ms > 0 else self._text_of(effect, off=off)
         self.set_class(live, "-live")
         held = effect is not None and effect >= Effect.HOLD
         watched = self._watching and state is not None and state.snapshot_fresh
@@ -64,12 +66,12 @@ class StopBar(Widget):
     def _report_region(self) -> None:
         self.call_after_refresh(lambda: setattr(self._switch, "region", self.region))
 
-    def _text_of(self, effect: Effect | None) -> str:
+    def _text_of(self, effect: Effect | None, *, off: bool = False) -> str:
         if self._watching:
             return tr("stop.watching")
         if not self._switch.live or effect is None:
             return tr("stop.idle") if not self._switch.live else tr("stop.ready", key=self._stop_keys())
-        return tr(_TEXTS[effect], key=self._stop_keys(), **self._keys)
+        return tr("stop.off" if off else _TEXTS[effect], key=self._stop_keys(), **self._keys)
 
     def _stop_keys(self) -> str:
         return " / ".join(sorted(_shown(key) for key in self._switch.keys))

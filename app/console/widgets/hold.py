@@ -10,7 +10,7 @@ from app.console.widgets.curves import joint_fault
 from app.console.widgets.panel import Lines, Panel, cells, plain, wrapped
 from app.console.widgets.status import EFFECT_STYLES, EventsPanel
 from app.ipc.messages import ActionReport, ControlSnapshot
-from app.ipc.states import Effect, Event, Outcome
+from app.ipc.states import Effect, Event, GaitState, Outcome
 from app.text.catalogue import render, tr
 from hal.joints.device import Joint
 
@@ -29,7 +29,7 @@ def hold_lines(state: SessionState, keys: Mapping[str, str], width: int, height:
     if snapshot is None or width < 8:
         return ()
     style = EFFECT_STYLES[Effect.HOLD]
-    legs = wrapped(tr("hold.damped" if snapshot.effect is Effect.DAMP else "hold.held"), width - 2)
+    legs = wrapped(tr(_legs(snapshot)), width - 2)
     next_key = wrapped(tr(_next(state, snapshot, watching=watching), **keys), width - 2)
     below = [*((f"■ {legs[0]}", style), *((f"  {part}", style) for part in legs[1:]))]
     below += [(f"▶ {next_key[0]}", "bold $accent"), *((f"  {part}", "bold $accent") for part in next_key[1:])]
@@ -48,6 +48,13 @@ def hold_lines(state: SessionState, keys: Mapping[str, str], width: int, height:
 _BY_KEYS = (Event.STOP, Event.STOP_AGAIN, Event.GUARDIAN_ACTED)
 
 
+def _legs(snapshot: ControlSnapshot) -> str:
+    """Name of the text that says what the legs do."""
+    if snapshot.effect is Effect.DAMP:
+        return "hold.damped" if snapshot.enabled else "hold.off"
+    return "hold.off" if snapshot.state is GaitState.UNPOWERED else "hold.held"
+
+
 def _next(state: SessionState, snapshot: ControlSnapshot, *, watching: bool) -> str:
     """Name of the text that says what comes next."""
     if any(event.event in ENDINGS for event in state.events):
@@ -61,7 +68,8 @@ def _next(state: SessionState, snapshot: ControlSnapshot, *, watching: bool) -> 
         return "hold.torque_off_key" if damped else "guide.drive_held"
     if any(event.present and event.effect >= Effect.HOLD and event.event not in _BY_KEYS for event in state.events):
         return "hold.wait"
-    return "hold.damped_key" if damped else "hold.held_key"
+    damped_key = "hold.damped_key" if snapshot.enabled else "hold.off_key"
+    return damped_key if damped else "hold.held_key"
 
 
 def _sequence(state: SessionState, snapshot: ControlSnapshot, width: int) -> list[str]:

@@ -184,8 +184,11 @@ def days_since(at: str, now: datetime) -> int:
 
 
 def ago(at: str, now: datetime) -> str:
-    """How long ago, in days."""
-    days = days_since(at, now)
+    """How long ago, in days; what is no time as it stands."""
+    try:
+        days = days_since(at, now)
+    except (ValueError, OverflowError):
+        return local_text(at)
     return tr("patients.days_ago", count=days) if days else tr("patients.today")
 
 

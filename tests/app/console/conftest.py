@@ -32,12 +32,12 @@ class Console:
     def __init__(self, app: ConsoleApp, pilot: Pilot[None], hosts: list[FakeHost]) -> None:
         self.app = app
         self.pilot = pilot
-        self._hosts = hosts
+        self.hosts = hosts
 
     @property
     def host(self) -> FakeHost:
         """The newest session's host."""
-        return self._hosts[-1]
+        return self.hosts[-1]
 
     async def press(self, *keys: str) -> None:
         """Press keys one after the other."""
@@ -123,11 +123,12 @@ def console(home: Home) -> Opener:
         profile: Profile | None = DEMO_PATIENT,
         read_only: bool = False,
         held: SessionSetup | None = None,
+        host: type[FakeHost] = FakeHost,
     ) -> AsyncIterator[Console]:
         hosts: list[FakeHost] = []
 
         def make_host(setup: SessionSetup) -> FakeHost:
-            hosts.append(FakeHost(setup))
+            hosts.append(host(setup))
             return hosts[-1]
 
         app = ConsoleApp(home, config or Config(), profile=profile, make_host=make_host, read_only=read_only, held=held)

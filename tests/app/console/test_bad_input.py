@@ -170,6 +170,38 @@ def test_a_line_that_a_loss_of_power_cut_off_hides_no_other(home: Home, cut: int
     assert [record.session for record in made.of("P-1")] == kept
 
 
+@pytest.mark.parametrize(
+    "tail",
+    [b'{"session":"b","patient":"P-1"', bytes(80), bytes(40) + b'"P-1","at":"","steps":3}\n'],
+    ids=["cut off", "NULs", "NULs before its end"],
+)
+def test_what_a_loss_of_power_left_hides_no_record(home: Home, tail: bytes) -> None:
+    made = Records(home.root, SessionRecord)
+    made.add(SessionRecord(session="a", patient="P-1", at=""))
+    with (home.root / "P-1.jsonl").open("ab") as file:
+        file.write(tail)
+    assert [record.session for record in made.of("P-1")] == ["a"]
+    made.add(SessionRecord(session="c", patient="P-1", at=""))
+    assert [record.session for record in made.of("P-1")] == ["a", "c"]
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        b'{"session":"b","patient":"P-1","at":"","steps":"x"}',
+        b'{"session":"b","patient":"P-1","at":"","distance_m":1e400}',
+        b"[1]",
+    ],
+)
+def test_a_whole_line_with_a_wrong_value_is_reported(home: Home, line: bytes) -> None:
+    made = Records(home.root, SessionRecord)
+    made.add(SessionRecord(session="a", patient="P-1", at=""))
+    with (home.root / "P-1.jsonl").open("ab") as file:
+        file.write(line + b"\n")
+    with pytest.raises(AppError, match="UNREADABLE"):
+        made.of("P-1")
+
+
 async def test_a_full_disk_loses_nothing_that_was_typed(console: Opener, home: Home) -> None:
     home.root.mkdir(parents=True)
     home.profiles.write_text("a file where the folder should be")

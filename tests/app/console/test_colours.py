@@ -196,5 +196,7 @@ def test_each_mark_has_its_own_shape(name: str) -> None:
 def test_the_stop_bar_says_what_its_colour_says(language: str) -> None:
     use_language(language)
     texts = [tr("stop.idle"), tr("stop.watching"), tr("stop.ready", key="SPACE")]
-    texts += [tr(name, key="SPACE", acknowledge="k", torque_off="o") for name in ("stop.held", "stop.damped")]
+    texts += [
+        tr(name, key="SPACE", acknowledge="k", torque_off="o") for name in ("stop.held", "stop.damped", "stop.off")
+    ]
     assert len(set(texts)) == len(texts)

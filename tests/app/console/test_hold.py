@@ -12,12 +12,13 @@ import pytest
 from app.console.guidance import Light, needs_torque_off, next_step, results
 from app.console.screens.checks import check_lines
 from app.console.state import SessionState
+from app.console.widgets.bars import StopBar
 from app.console.widgets.curves import Curves, draw_joints
 from app.console.widgets.health import Health, health_dot, health_lines, health_of
 from app.console.widgets.hold import held, hold_lines
 from app.console.widgets.wearer import FigurePanel
 from app.ipc.messages import Lateness, ProcessStatus, RealTime
-from app.ipc.states import GESTURE_OF, Action, Effect, Event
+from app.ipc.states import GESTURE_OF, Action, Effect, Event, GaitState
 from app.motion.wearer import load_wearer
 from app.text.catalogue import tr
 from hal.errors import CameraFault
@@ -162,6 +163,33 @@ def holding(cause: Event, effect: Effect) -> SessionState:
 def test_the_key_that_ends_the_guardians_damping_is_told_while_it_is_in_force() -> None:
     text = text_of(hold_lines(holding(Event.GUARDIAN_ACTED, Effect.DAMP), KEYS, 76, 20, watching=False))
     assert tr("hold.damped_key", **KEYS) in text
+
+
+@pytest.mark.parametrize("cause", [Event.GUARDIAN_ACTED, Event.STOP_AGAIN])
+def test_joints_without_power_are_not_to_be_switched_off(cause: Event) -> None:
+    state = changed(effect=Effect.DAMP, enabled=False, events=(event(cause, Effect.DAMP),))
+    text = text_of(hold_lines(state, KEYS | {"torque_off": "SWITCH"}, 76, 20, watching=False))
+    assert "SWITCH" not in text
+    assert tr("hold.off") in text
+    assert tr("hold.off_key", **KEYS) in text
+    assert next_step(state)[0] == "off"
+
+
+def test_legs_that_never_had_power_are_not_said_to_stand() -> None:
+    events = (event(Event.STOP, Effect.HOLD),)
+    state = changed(effect=Effect.HOLD, enabled=False, state=GaitState.UNPOWERED, events=events)
+    text = text_of(hold_lines(state, KEYS, 76, 20, watching=False))
+    assert tr("hold.off") in text
+    assert tr("hold.held") not in text
+
+
+async def test_the_screen_of_joints_without_power_says_that_they_are_off(console: Opener) -> None:
+    async with console() as opened:
+        opened.host.walked = {"effect": Effect.DAMP, "enabled": False}
+        await opened.shows("JOINTS OFF")
+        assert "DAMPED" not in opened.app.screen.query_one(StopBar).text
+        await opened.press("o")
+        await opened.shows("already")
 
 
 @pytest.mark.parametrize(

@@ -112,6 +112,22 @@ def test_a_time_that_is_none_stands_in_the_history_as_it_is() -> None:
     assert history_lines((Change(at="some day", by="Bea", changes={}),))[0][0][0] == "some day  Bea"
 
 
+@pytest.mark.parametrize(
+    ("zone", "at"),
+    [("UTC0", "gestern"), ("CST-8", "9999-12-31T23:59:00+00:00"), ("EST5", "0001-01-01T00:00:00+00:00")],
+)
+def test_a_time_that_is_none_stands_in_list_and_details_as_it_is(
+    use_zone: Callable[[str], None], zone: str, at: str
+) -> None:
+    use_zone(zone)
+    calibration = Calibration(
+        camera="webcam", focal_anchor_px_m=36.0, focal_px=600.0, distance_m=0.36, residual=0.01, calibrated_at=at
+    )
+    calibrated = msgspec.structs.replace(DEMO_PATIENT, calibrations=(calibration,))
+    assert f"Palm calibrated {at[:16]} with webcam\n" in str(describe(calibrated, (), (), NOW))
+    assert last_cells((SessionRecord(session="S", patient="P-1", at=at),), NOW)[0] == at[:16]
+
+
 def test_a_palm_is_as_accurate_as_its_newest_calibration_whose_camera_is_named() -> None:
     newest = Calibration(
         camera="webcam",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import threading
 from dataclasses import replace
 
 import msgspec
@@ -12,6 +13,7 @@ from app.console.app import ConsoleApp, run_console
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.session import SessionScreen
 from app.console.screens.signin import SignInDialog
+from app.console.screens.start import StartSession
 from app.ipc.messages import OperatorKind
 from app.session.host import make_setup
 from app.session.shared import current_lease, take_lease
@@ -23,6 +25,7 @@ from logs.read import records
 from logs.records import SignInFailed
 from profiles.schema import DEMO_PATIENT
 from testing.authors import signed_in
+from testing.fake_host import FakeHost
 from tests.app.console.conftest import LIMIT_S, Opener
 
 pytestmark = pytest.mark.usefixtures("cheap_pins")
@@ -124,6 +127,16 @@ async def test_a_session_that_is_taken_over_counts_its_time_from_its_own_begin(
     assert 600 <= record.duration_s < 600 + LIMIT_S
 
 
+class _SlowHost(FakeHost):
+    """Ends only when it may."""
+
+    may_end = threading.Event()
+
+    def close(self) -> None:
+        assert self.may_end.wait(LIMIT_S)
+        super().close()
+
+
 @pytest.mark.parametrize(("purpose", "key"), [("training", "t"), ("enrolment", "g")])
 async def test_a_held_training_or_enrolment_is_ended_and_never_armed(
     console: Opener, held: SessionSetup, home: Home, purpose: Purpose, key: str
@@ -135,14 +148,27 @@ async def test_a_held_training_or_enrolment_is_ended_and_never_armed(
         await open_console.until(lambda: open_console.app.live is not None)
         setup = open_console.app.live_setup()
     assert setup.purpose == purpose
-    async with console(held=msgspec.structs.replace(setup, host_pid=os.getpid()), config=held.config) as open_console:
+    _SlowHost.may_end.clear()
+    running = msgspec.structs.replace(setup, host_pid=os.getpid())
+    async with console(held=running, host=_SlowHost) as open_console:
         app = open_console.app
-        await open_console.until(lambda: isinstance(app.screen, PatientsScreen))
         await open_console.tells("being ended")
-        assert (open_console.host.started, open_console.host.closed) == (True, True)
+        await open_console.shows("demo")
+        assert isinstance(app.screen, PatientsScreen)
+        await open_console.press("enter")
+        await open_console.until(lambda: isinstance(app.screen, StartSession))
+        app.clear_notifications()
+        await open_console.press("enter")
+        await open_console.tells("being ended")
+        assert (len(open_console.hosts), open_console.host.closed) == (1, False), "nothing has begun"
+        _SlowHost.may_end.set()
+        await open_console.until(lambda: open_console.host.closed and not app._notifications)
+        assert open_console.host.started
         assert OperatorKind.ARM not in open_console.host.kinds()
         assert app.live is None
         assert app.sessions.of("demo") == ()
+        await open_console.press("ctrl+s")
+        await open_console.until(lambda: isinstance(app.screen, SessionScreen))
 
 
 def test_who_leaves_before_the_takeover_is_done_reads_that_the_session_stays(

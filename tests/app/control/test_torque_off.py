@@ -11,6 +11,7 @@ import pytest
 
 from app.console.app import ConsoleApp
 from app.console.screens.dialogs import Question
+from app.control.inputs import DriveNotice
 from app.control.telemetry import LoopStatus, snapshot
 from app.ipc.links import new_link_directory
 from app.ipc.messages import ControlSnapshot, GuardianHealth, Heartbeat, Lateness, RealTime
@@ -87,6 +88,15 @@ def test_it_ends_an_action_that_waits_for_its_plan_or_for_power(ticks: int) -> N
     assert rig.act(A.INITIALISE).gait.state is S.STANDING
 
 
+def test_it_ends_a_stand_that_is_requested_in_the_same_tick() -> None:
+    for rig in (resting(S.UNPOWERED), damped()):
+        rig.send(K.ACT, A.INITIALISE)
+        rig.send(K.TORQUE_OFF)
+        rig.tick(400)
+        assert (drives(rig), now(rig).gait.state, now(rig).running) == (DriveState.DISABLED, S.UNPOWERED, None)
+        assert now(rig).reports[-1].reason == reason(RequestRefusal.TORQUE_OFF)
+
+
 def test_it_is_recorded_as_taken_and_as_refused() -> None:
     rig = standing()
     rig.send(K.TORQUE_OFF)
@@ -109,6 +119,7 @@ def test_drives_that_the_guardian_switches_off_are_not_commanded_any_more() -> N
     rig.guardian_health = {"acted": True, "off": True}
     rig.tick(30)
     assert drives(rig) is DriveState.DISABLED
+    assert [one.text for one in records_of(rig, records.Note)] == [reason(DriveNotice.FOLLOWED_GUARDIAN)]
     assert rig.events() == {Event.GUARDIAN_ACTED.value}
     rig.guardian_health = {}
     rig.tick(30)

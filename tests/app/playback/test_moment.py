@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from app.ipc.states import Action, Effect, GaitState
-from app.playback.moment import moment
+from app.ipc.states import Action, Effect, Event, GaitState
+from app.playback.moment import moment, snapshot_at
 from app.playback.session import Playback, ReplayFault, moment_ns
 from app.system.errors import AppError
 from hal.joints.protocol import Joint
@@ -16,7 +16,8 @@ from kgdfa.gesture import Gesture
 from logs import records as r
 from logs.explain.hops import Hop, Step, explain
 from logs.records import Record
-from tests.support.recorded_session import Lived
+from tests.support.live_session import K
+from tests.support.recorded_session import Lived, RecordedLive
 
 
 def of(playback: Playback, kind: type) -> list[Record]:
@@ -113,6 +114,28 @@ def test_at_the_stop_the_legs_are_held(playback: Playback) -> None:
     later = moment(playback, moment_ns(stop) + 60_000_000).snapshot
     assert later is not None
     assert "stop" in {one.event.value for one in later.events}
+
+
+def test_a_stop_raised_anew_in_the_tick_of_its_acknowledgement_is_in_force(tmp_path: Path) -> None:
+    live = RecordedLive(home=tmp_path)
+    live.key(K.STOP)
+    live.rest()
+    for kind in (K.ACKNOWLEDGE, K.STOP):
+        live.rig.send(kind)
+    live.ticks(60)
+    live.entries = [(process, at_ns + 200_000, body) for process, at_ns, body in live.entries]  # as they leave a tick
+    with closing(Playback(live.close())) as playback:
+        snapshot = snapshot_at(playback, playback.end_ns)
+        assert snapshot is not None
+        assert {one.event: one.present for one in snapshot.events}[Event.STOP]
+        raised = of(playback, r.EventRaised)[-1]
+        first = snapshot_at(playback, moment_ns(raised) - 1)
+        assert first is not None
+        assert {one.event: one.present for one in first.events}[Event.STOP]
+        told = playback.landmarks.between(moment_ns(raised) - 1, playback.end_ns)
+        kinds = [type(one.body) for one in told]
+        assert kinds == [r.Acknowledgement, r.EventCleared, r.EventRaised, r.Stop]
+        assert [one.sequence for one in told] == sorted(one.sequence for one in told)
 
 
 def test_the_joints_are_controls_newest(session: Lived, playback: Playback) -> None:

@@ -110,9 +110,12 @@ def use_cameras(playback: Playback, *cameras: tuple[int, int]) -> None:
     rest = {"camera": "c", "height_px": 720, "rate_hz": 30.0, "focal_px": 900.0, "intrinsics_source": "given"}
     playback.cameras = InTime(
         msgspec.structs.replace(
-            playback.records[0], monotonic_ns=at_ns, body=msgspec.convert({**rest, "width_px": width_px}, Camera)
+            playback.records[0],
+            sequence=sequence,
+            monotonic_ns=at_ns,
+            body=msgspec.convert({**rest, "width_px": width_px}, Camera),
         )
-        for at_ns, width_px in cameras
+        for sequence, (at_ns, width_px) in enumerate(cameras)
     )
 
 
