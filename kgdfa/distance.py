@@ -133,6 +133,8 @@ def accept_distance(state: OutlierState, distance_m: float, captured_ns: int) ->
         return accepted, True
     stays = state.count > 0 and abs(distance_m - state.candidate_m) <= slack_m
     count, since_ns = (state.count + 1, state.candidate_ns) if stays else (1, captured_ns)
-    if have_lasted(count - 1, CONFIRM_FRAMES - 1, captured_ns - since_ns):
+    # Counted from what was believed, too: a press has then ended before the jump could release it.
+    stayed = have_lasted(count - 1, CONFIRM_FRAMES - 1, captured_ns - since_ns)
+    if stayed and have_lasted(count, CONFIRM_FRAMES, elapsed_ns):
         return accepted, True
     return replace(state, candidate_m=distance_m, candidate_ns=since_ns, count=count), False

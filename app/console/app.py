@@ -272,6 +272,8 @@ class ConsoleApp(SessionFlow):
         """Calibrate a patient's palm; a running session has the camera."""
         from app.console.screens.calibration import CalibrationScreen
 
+        if self.refuse_while_ending():
+            return
         await self.permitted(Permission.CALIBRATE, lambda: self.push_screen(CalibrationScreen(profile)))
 
     def switch_sound(self, sound: Sound) -> None:

@@ -155,6 +155,21 @@ def _may_command(state: SessionState, now: ControlSnapshot | None) -> bool:
     return action in now.allowed and action not in now.by_key_only
 
 
+def legs_of(now: ControlSnapshot) -> str:
+    """What legs do that a stop ended: off, damped or held. Damped ones stay so when the stop was acknowledged.
+
+    Joints that have power and no command yet bear as little as damped ones.
+    """
+    damped, unpowered = now.effect is Effect.DAMP or now.damped, now.state is GaitState.UNPOWERED
+    if not now.enabled and (damped or unpowered):
+        return "off"
+    return "damped" if damped or unpowered else "held"
+
+
+def _holds(now: ControlSnapshot | None, legs: str) -> bool:
+    return now is not None and now.effect is Effect.HOLD and legs_of(now) == legs
+
+
 _FAULTS_OF_DRIVES = {Event.DRIVE_FAULT, Event.DRIVE_UNTRUSTED}
 
 
@@ -184,7 +199,7 @@ _STEPS: tuple[tuple[_Applies, str, str], ...] = (
     (lambda state, _: not state.snapshot_fresh, "control_silent", "bold $error"),
     (
         lambda state, now: (
-            now is not None and now.effect is Effect.DAMP and not now.enabled and not needs_torque_off(state)
+            now is not None and now.effect is Effect.DAMP and legs_of(now) == "off" and not needs_torque_off(state)
         ),
         "off",
         "bold $error",
@@ -200,7 +215,9 @@ _STEPS: tuple[tuple[_Applies, str, str], ...] = (
         "drive_held",
         "bold $error",
     ),
-    (lambda _, now: now is not None and now.effect is Effect.HOLD, "held", "bold $error"),
+    (lambda _, now: _holds(now, "off"), "off", "bold $error"),
+    (lambda _, now: _holds(now, "damped"), "damped", "bold $error"),
+    (lambda _, now: _holds(now, "held"), "held", "bold $error"),
     (
         lambda _, now: now is not None and now.effect is Effect.PAUSE and now.action is not None,
         "paused",

@@ -163,6 +163,12 @@ class SessionFlow(SignedInApp):
     def _notify_ending(self) -> None:
         self.notify(tr("take_over.ending"), timeout=START_S + END_S)
 
+    def refuse_while_ending(self) -> bool:
+        """Say so while the processes of what was left held may have camera and legs."""
+        if self._ending_held:
+            self._notify_ending()
+        return self._ending_held
+
     async def end_session_asking(self) -> None:
         """End the session; while drives are powered, only after a yes. An observer just leaves."""
         if self.read_only:
@@ -274,8 +280,7 @@ class SessionFlow(SignedInApp):
     async def _begin(
         self, profile: Profile, config: Config, screen: Screen[None], purpose: Purpose = "session"
     ) -> None:
-        if self._ending_held:
-            self._notify_ending()
+        if self.refuse_while_ending():
             return
         moves = None if self.read_only else Permission.OPERATE
         async with self._beginning:

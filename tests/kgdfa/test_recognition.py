@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import random
 from collections.abc import Iterable
 from dataclasses import replace
 
 import pytest
 
 from kgdfa.button import LONGEST_PRESS_NS, SHORTEST_PRESS_NS, ButtonMode, ButtonPlace, PressCancel, PressHint
+from kgdfa.distance import OutlierState, accept_distance
 from kgdfa.frame_time import FRAME_NS
 from kgdfa.gesture import Gesture
 from kgdfa.recognition import FrameReading, Recognition, recognise
@@ -125,3 +127,22 @@ def test_only_a_press_that_was_too_long_is_compared_with_the_longest() -> None:
     assert now.button.compared.held_limit_ns == LONGEST_PRESS_NS
     published = after([*at(*[0.36] * 5, *PUSH_M), *held, *at(*WITHDRAWAL_M)], mode=ButtonMode.PUBLISHED).button
     assert (published.release_count, published.compared and published.compared.held_limit_ns) == (1, SHORTEST_PRESS_NS)
+
+
+@pytest.mark.parametrize("rate_hz", [30, 60, 120])
+@pytest.mark.parametrize("seed", range(20))
+def test_a_jump_to_afar_that_stays_is_no_withdrawal(rate_hz: int, seed: int) -> None:
+    """The captures scatter by 0.1 ms: what ends the press and what believes the jump must not meet in one frame."""
+    scatter = random.Random(seed)
+    state, now = OutlierState(), Recognition()
+    for number, measured_m in enumerate([*[0.36] * rate_hz, *approach_m(rate_hz), *[0.20] * 20, *[0.45] * rate_hz]):
+        captured_ns = round((number + 1) * 1e9 / rate_hz) + scatter.randint(-100_000, 100_000)
+        state, believed = accept_distance(state, measured_m, captured_ns)
+        reading = replace(FIVE, captured_ns=captured_ns, distance_m=measured_m if believed else None)
+        now = recognise(now, reading, PLACE, ButtonMode.ROBUST)
+    assert (now.button.release_count, now.button.cancel_reason) == (0, PressCancel.DISTANCE_LOST)
+
+
+def approach_m(rate_hz: int) -> list[float]:
+    """From 36 to 20 cm in 0.25 s."""
+    return [0.36 - 0.16 * number / (0.25 * rate_hz) for number in range(1, rate_hz // 4)]

@@ -10,20 +10,12 @@ from textual.reactive import reactive
 from textual.screen import Screen
 from textual.widget import Widget
 
-from app.console.guidance import next_step
+from app.console.guidance import legs_of
 from app.console.state import SessionState
 from app.console.stop import StopSwitch
 from app.console.widgets.panel import cells
 from app.ipc.states import Effect
 from app.text.catalogue import knows, tr
-
-_TEXTS = {
-    Effect.NOTE: "stop.ready",
-    Effect.REFUSE: "stop.ready",
-    Effect.PAUSE: "stop.ready",
-    Effect.HOLD: "stop.held",
-    Effect.DAMP: "stop.damped",
-}
 
 
 class StopBar(Widget):
@@ -44,8 +36,8 @@ class StopBar(Widget):
         """Take the session's newest state; None: no session."""
         live = self._switch.live
         effect, waits_ms = (None, 0.0) if state is None else (state.effect, state.stop_waits_ms)
-        off = state is not None and effect is Effect.DAMP and next_step(state)[0] == "off"
-        self.text = tr("stop.sent", ms=f"{waits_ms:.0f}") if live and waits_ms > 0 else self._text_of(effect, off=off)
+        legs = "held" if state is None or state.snapshot is None else legs_of(state.snapshot)
+        self.text = tr("stop.sent", ms=f"{waits_ms:.0f}") if live and waits_ms > 0 else self._text_of(effect, legs)
         self.set_class(live, "-live")
         held = effect is not None and effect >= Effect.HOLD
         watched = self._watching and state is not None and state.snapshot_fresh
@@ -66,12 +58,13 @@ class StopBar(Widget):
     def _report_region(self) -> None:
         self.call_after_refresh(lambda: setattr(self._switch, "region", self.region))
 
-    def _text_of(self, effect: Effect | None, *, off: bool = False) -> str:
+    def _text_of(self, effect: Effect | None, legs: str = "held") -> str:
         if self._watching:
             return tr("stop.watching")
         if not self._switch.live or effect is None:
             return tr("stop.idle") if not self._switch.live else tr("stop.ready", key=self._stop_keys())
-        return tr("stop.off" if off else _TEXTS[effect], key=self._stop_keys(), **self._keys)
+        text = "ready" if effect < Effect.HOLD else legs
+        return tr(f"stop.{text}", key=self._stop_keys(), **self._keys)
 
     def _stop_keys(self) -> str:
         return " / ".join(sorted(_shown(key) for key in self._switch.keys))

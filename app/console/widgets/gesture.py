@@ -23,6 +23,8 @@ FINGERS = {
 }
 VOTES_NEEDED = 3  # the paper's vote
 
+_ASIDE = "PerceptionNote.CALIBRATION_UNUSED"  # hands are recognised as well as ever beside it
+
 
 def gesture_lines(state: SessionState, width: int) -> Lines:
     """What is shown, its votes, and the reason, which may take more than one line of this width."""
@@ -36,7 +38,9 @@ def gesture_lines(state: SessionState, width: int) -> Lines:
     foreign = report.gesture is not None and report.gesture not in vocabulary_of(state.setup.profile)
     refused = reason(RequestRefusal.NOT_IN_VOCABULARY, gesture=report.gesture) if foreign else report.hand_refusal
     # Without a hand the headline has said why.
-    why = refused or report.hint or (report.explanation if report.gesture is None and report.hand else None)
+    explained = report.explanation if report.gesture is None and report.hand else None
+    aside = report.hint is not None and report.hint.code == _ASIDE
+    why = refused or (explained or report.hint if aside else report.hint or explained)
     return (
         _headline(report, foreign=foreign),
         _votes(report, width),

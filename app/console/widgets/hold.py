@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from app.console.guidance import ENDINGS, needs_torque_off, process_ended
+from app.console.guidance import ENDINGS, legs_of, needs_torque_off, process_ended
 from app.console.state import SessionState
 from app.console.widgets.curves import joint_fault
 from app.console.widgets.panel import Lines, Panel, cells, plain, wrapped
 from app.console.widgets.status import EFFECT_STYLES, EventsPanel
 from app.ipc.messages import ActionReport, ControlSnapshot
-from app.ipc.states import Effect, Event, GaitState, Outcome
+from app.ipc.states import Effect, Event, Outcome
 from app.text.catalogue import render, tr
 from hal.joints.device import Joint
 
@@ -29,7 +29,7 @@ def hold_lines(state: SessionState, keys: Mapping[str, str], width: int, height:
     if snapshot is None or width < 8:
         return ()
     style = EFFECT_STYLES[Effect.HOLD]
-    legs = wrapped(tr(_legs(snapshot)), width - 2)
+    legs = wrapped(tr(f"hold.{legs_of(snapshot)}"), width - 2)
     next_key = wrapped(tr(_next(state, snapshot, watching=watching), **keys), width - 2)
     below = [*((f"■ {legs[0]}", style), *((f"  {part}", style) for part in legs[1:]))]
     below += [(f"▶ {next_key[0]}", "bold $accent"), *((f"  {part}", "bold $accent") for part in next_key[1:])]
@@ -44,15 +44,9 @@ def hold_lines(state: SessionState, keys: Mapping[str, str], width: int, height:
     return tuple(plain(text, style) for text, style in lines[-height:])
 
 
+_KEYS = {"held": "hold.held_key", "damped": "hold.damped_key", "off": "hold.off_key"}
 # A key that was pressed is over, whatever the row says; the guardian's damping ends with the joints' power.
 _BY_KEYS = (Event.STOP, Event.STOP_AGAIN, Event.GUARDIAN_ACTED)
-
-
-def _legs(snapshot: ControlSnapshot) -> str:
-    """Name of the text that says what the legs do."""
-    if snapshot.effect is Effect.DAMP:
-        return "hold.damped" if snapshot.enabled else "hold.off"
-    return "hold.off" if snapshot.state is GaitState.UNPOWERED else "hold.held"
 
 
 def _next(state: SessionState, snapshot: ControlSnapshot, *, watching: bool) -> str:
@@ -63,13 +57,12 @@ def _next(state: SessionState, snapshot: ControlSnapshot, *, watching: bool) -> 
         return "hold.watching"
     if process_ended(state):
         return "guide.process_ended"
-    damped = snapshot.effect is Effect.DAMP
+    legs = legs_of(snapshot)
     if needs_torque_off(state):
-        return "hold.torque_off_key" if damped else "guide.drive_held"
+        return "guide.drive_held" if legs == "held" else "hold.torque_off_key"
     if any(event.present and event.effect >= Effect.HOLD and event.event not in _BY_KEYS for event in state.events):
         return "hold.wait"
-    damped_key = "hold.damped_key" if snapshot.enabled else "hold.off_key"
-    return damped_key if damped else "hold.held_key"
+    return _KEYS[legs]
 
 
 def _sequence(state: SessionState, snapshot: ControlSnapshot, width: int) -> list[str]:

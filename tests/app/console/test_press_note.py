@@ -5,11 +5,16 @@ from __future__ import annotations
 import pytest
 
 from app.console.state import NO_NOTE, READABLE_NS, note
-from app.console.widgets.gesture import _figure
+from app.console.widgets.gesture import _figure, gesture_lines
 from app.console.widgets.panel import cells
 from app.ipc.messages import TriggerReport
+from app.perception.camera import PerceptionNote
+from app.text.catalogue import render
 from kgdfa.button import PressCancel, PressHint
+from kgdfa.continuity import Jump
+from kgdfa.gesture import HandRefusal
 from logs.reason import reason
+from tests.app.console.test_sizes import with_report
 
 PUSH, LOST = reason(PressHint.PUSH_STEADILY), reason(PressCancel.HAND_LOST)
 
@@ -51,3 +56,11 @@ def test_an_assumed_focal_length_is_marked_beside_the_distance(width: int, mark:
         text = "".join(part for part, _ in figure)
         assert (mark in text) is assumed
         assert cells(text) <= width
+
+
+def test_a_calibration_that_is_not_in_use_hides_no_explanation() -> None:
+    why, hint = reason(HandRefusal.JUMPED, jump=Jump.UNSEEN), reason(PerceptionNote.CALIBRATION_UNUSED, camera="webcam")
+    for hand, shown in ((True, why), (False, hint)):
+        state = with_report(hand=hand, gesture=None, hand_refusal=None, explanation=why, hint=hint)
+        ((text, _),) = gesture_lines(state, 200)[-1]
+        assert text == render(shown)

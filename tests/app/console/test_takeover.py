@@ -161,6 +161,10 @@ async def test_a_held_training_or_enrolment_is_ended_and_never_armed(
         await open_console.press("enter")
         await open_console.tells("being ended")
         assert (len(open_console.hosts), open_console.host.closed) == (1, False), "nothing has begun"
+        app.clear_notifications()
+        await app.calibrate(setup.profile)
+        await open_console.tells("being ended")
+        assert type(app.screen).__name__ == "StartSession", "the camera is not free yet"
         _SlowHost.may_end.set()
         await open_console.until(lambda: open_console.host.closed and not app._notifications)
         assert open_console.host.started
