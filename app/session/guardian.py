@@ -38,8 +38,10 @@ ENDING_DAMP_NS = 500 * NS_PER_MS
 LATE_CHECK_NS = 12 * NS_PER_MS
 MISSED_CHECKS = 2
 OFF_NS = 300 * NS_PER_MS
-BACKLOG_NS = 100 * NS_PER_MS  # 25 checks read 6,400 frames a bus: more replies to control than a socket keeps waiting
-ANSWER_NS = 200 * NS_PER_MS  # 25 more checks, each of which asks every drive again
+# 25 checks read 6,400 frames a bus: more replies to control than a socket keeps waiting. 25 more ask every drive again.
+# Of checks that come late, on a busy machine, as many are needed: what is still waiting is no answer.
+BACKLOG_NS, BACKLOG_CHECKS = 100 * NS_PER_MS, 25
+ANSWER_NS, ANSWER_CHECKS = 200 * NS_PER_MS, 50
 RETRY_NS = 1_000 * NS_PER_MS
 
 
@@ -140,6 +142,7 @@ class Guardian:
         self._state = GuardianState()
         self._fault = None if self._stop is None else reason(GuardianNotice.BUS_NOT_OPENED)
         self._silent = frozenset(Joint)  # whose drives have not answered the present action
+        self._asked = 0  # checks in it
         self._unanswered = (GuardianAction.MONITOR, tuple[Joint, ...]())  # which action by whom, as it was recorded
         self._ending = False
         self._health_ns = 0
@@ -223,12 +226,13 @@ class Guardian:
             self._unanswered = (action, ())
             return
         if action is not before:
-            self._silent = frozenset(Joint)
+            self._silent, self._asked = frozenset(Joint), 0
+        self._asked += 1
         answered = self._stop.answered()
-        if since_ns > BACKLOG_NS:
+        if since_ns > BACKLOG_NS and self._asked >= BACKLOG_CHECKS:
             self._silent -= answered
         silent = tuple(sorted(self._silent))
-        if since_ns > ANSWER_NS and (action, silent) != self._unanswered:
+        if since_ns > ANSWER_NS and self._asked >= ANSWER_CHECKS and (action, silent) != self._unanswered:
             self._unanswered = (action, silent)
             if silent:
                 self._sink.emit(Note(text=reason(GuardianNotice.NOT_ANSWERED, action=action, joints=silent)))

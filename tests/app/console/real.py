@@ -198,7 +198,7 @@ class RealConsole(Console):
         await self.press("space")
         await self.until(lambda: self.in_force(Event.STOP) and self.snapshot.action is None)
         if self.app.screen.query(StopBar):
-            await self.shows("HELD")
+            await self.until(lambda: "LEGS HELD" in self.text() or "JOINTS OFF" in self.text())  # off until gesture 0
 
     async def request(self, gesture: Gesture) -> None:
         """The wearer's way: sign, push, draw back, until the legs have begun."""
