@@ -10,7 +10,7 @@ from __future__ import annotations
 import fcntl
 import os
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from enum import Enum, auto
@@ -191,12 +191,16 @@ def found_torn(name: str, scan: Scan, key: ConsoleKey, how: Reason | None = None
 
 
 def append_signed(
-    path: Path, session: str, bodies: list[Body], key: ConsoleKey, now: Moment, *, disk: Disk | None = None
+    path: Path, session: str, made: Sequence[Body | Entry], key: ConsoleKey, now: Moment, *, disk: Disk | None = None
 ) -> None:
-    """Append records to a journal and sign them; returns when they are on the disk. Raises AuditError if not."""
+    """Append records to a journal and sign them; returns when they are on the disk. Raises AuditError if not.
+
+    made: of now, or each with the moment at which it was made.
+    """
     disk = disk or Disk()
+    entries = [one if isinstance(one, Entry) else now.entry(one) for one in made]
     try:
-        msgspec.json.encode(bodies)
+        msgspec.json.encode(entries)
     except UnicodeEncodeError as error:  # a command's argument that is no UTF-8
         raise AuditError(AuditFault.NOT_UTF8) from error
     with _one_at_a_time(key.folder):
@@ -207,9 +211,9 @@ def append_signed(
             raise AuditError(AuditFault.JOURNAL_UNREADABLE, path=path, detail=cause_of(error)) from error
         trail, chain = open_part(part, scan, key, disk)
         logger = open_logger(trail, chain, session)
-        for body in (*former, *bodies):
-            logger.record(now.entry(body))
-        if type(bodies[-1]).__struct_config__.tag not in SIGNED_KINDS:
+        for entry in (*map(now.entry, former), *entries):
+            logger.record(entry)
+        if type(entries[-1].body).__struct_config__.tag not in SIGNED_KINDS:
             seal = Checkpoint(records=chain.sequence, closing=False, key=key.public.fingerprint)
             logger.record(now.entry(seal))
         try:
