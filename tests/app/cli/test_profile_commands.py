@@ -22,9 +22,10 @@ from app.system.paths import Home
 from hal.cameras.intrinsics import assumed
 from hal.errors import CameraFault, HardwareError
 from profiles.errors import ProfileError, ProfileFault
-from profiles.schema import DEMO_PATIENT, Calibration, Profile
+from profiles.schema import DEMO_PATIENT, Profile
 from profiles.store import ProfileStore
 from testing.authors import Named
+from tests.support.calibrations import calibrated_with
 
 
 def test_a_palm_is_calibrated_with_the_cameras_measured_intrinsics(
@@ -83,14 +84,7 @@ def test_the_list_shows_a_palm_by_its_newest_calibration_and_names_the_camera(
     monkeypatch.setenv("RLEEX_HOME", str(tmp_path))
     monkeypatch.setenv("COLUMNS", "200")
     store = ProfileStore(Home(tmp_path).profiles)
-    newest = Calibration(
-        camera="[b]webcam",
-        focal_anchor_px_m=36.0,
-        focal_px=600.0,
-        distance_m=0.36,
-        residual=0.01,
-        calibrated_at="2026-05-20T06:00:00+00:00",
-    )
+    newest = calibrated_with(camera="[b]webcam", focal_anchor_px_m=36.0, calibrated_at="2026-05-20T06:00:00+00:00")
     older = msgspec.structs.replace(newest, camera="other", calibrated_at="2026-05-01T06:00:00+00:00")
     for name, calibrations in (("P-1", ()), ("P-2", (newest, older))):
         made = msgspec.structs.replace(DEMO_PATIENT, identifier=name, calibrations=calibrations)

@@ -31,7 +31,6 @@ from logs.reason import reason
 from logs.records import Body, Note
 from profiles.schema import (
     DEMO_PATIENT,
-    Calibration,
     DistanceUsed,
     GestureEvidence,
     GestureUsed,
@@ -41,6 +40,7 @@ from profiles.store import ChangeCause, ProfileStore
 from testing.authors import Named
 from testing.fake_host import FakeHost, event, walk_steps
 from tests.app.console.conftest import Console, Opener
+from tests.support.calibrations import calibrated_with
 
 
 async def test_a_first_patient_is_made_and_walks(console: Opener, home: Home) -> None:
@@ -65,14 +65,7 @@ async def test_a_first_patient_is_made_and_walks(console: Opener, home: Home) ->
 
 async def test_what_others_change_while_the_form_is_open_is_kept(console: Opener, home: Home) -> None:
     store = ProfileStore(home.profiles)
-    palm = Calibration(
-        camera="webcam",
-        focal_anchor_px_m=50.0,
-        focal_px=600.0,
-        distance_m=0.36,
-        residual=0.01,
-        calibrated_at="2026-05-20T08:00:00+00:00",
-    )
+    palm = calibrated_with()
     changed = msgspec.structs.replace(DEMO_PATIENT, calibrations=(palm,), note="left side weak")
     async with console(profile=None) as open_console:
         await open_console.shows("demo")
@@ -490,14 +483,7 @@ async def test_a_copy_of_a_patient_has_no_proof_of_the_others_hand(console: Open
         idle_at_most=0.01,
         gestures=(zero,),
     )
-    palm = Calibration(
-        camera="webcam",
-        focal_anchor_px_m=50.0,
-        focal_px=600.0,
-        distance_m=0.36,
-        residual=0.01,
-        calibrated_at="2026-05-20T08:00:00+00:00",
-    )
+    palm = calibrated_with()
     proven = msgspec.structs.replace(
         DEMO_PATIENT, identifier="A-1", vocabulary=chosen, evidence=evidence, calibrations=(palm,)
     )

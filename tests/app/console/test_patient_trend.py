@@ -35,6 +35,7 @@ from profiles.store import Change, ProfileStore
 from testing.authors import Named
 from tests.app.console.conftest import Opener
 from tests.app.system.test_vocabulary_status import ENROLLED
+from tests.support.calibrations import calibrated_with
 
 NOW = datetime(2026, 5, 20, 8, 0, tzinfo=UTC)
 
@@ -129,14 +130,7 @@ def test_a_time_that_is_none_stands_in_list_and_details_as_it_is(
 
 
 def test_a_palm_is_as_accurate_as_its_newest_calibration_whose_camera_is_named() -> None:
-    newest = Calibration(
-        camera="webcam",
-        focal_anchor_px_m=36.0,
-        focal_px=600.0,
-        distance_m=0.36,
-        residual=0.01,
-        calibrated_at="2026-05-20T06:00:00+00:00",
-    )
+    newest = calibrated_with(focal_anchor_px_m=36.0, calibrated_at="2026-05-20T06:00:00+00:00")
     older = msgspec.structs.replace(
         newest, camera="other", focal_anchor_px_m=38.0, calibrated_at="2026-05-01T06:00:00+00:00"
     )
