@@ -150,7 +150,10 @@ class SessionProcesses:
             _log.warning("perception restarts", restarts=self._supervisor.restarts, exit_code=child.exitcode)
             child.kill()  # a driver frozen in the kernel handles no SIGTERM
             child.join(1.0)
-            self._spawn("perception")
+            try:
+                self._spawn("perception")
+            except OSError as error:  # no memory or no process to be had: tried again, as one that died at once
+                _log.warning("perception not started", why=str(error))
 
 
 def end_child(name: str, child: BaseProcess | None) -> None:

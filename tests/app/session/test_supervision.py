@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import signal
 import subprocess
@@ -15,10 +16,12 @@ from typing import cast
 import pytest
 
 from app.audit.process import GIVE_UP_S
+from app.ipc.streams import SESSION
+from app.session import supervise
 from app.session.child import BACK_OFF_S, LOADING_S, SILENCE_S, STEADY_S, Supervisor
 from app.session.host import make_setup
 from app.session.shared import Launch, encode, take_lease
-from app.session.supervise import end_child
+from app.session.supervise import SessionProcesses, end_child
 from app.system.config import Config
 from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT
@@ -105,6 +108,85 @@ def test_a_process_that_does_not_end_is_killed_audit_long_after_it_gives_up_by_i
     end_child(name, cast("BaseProcess", child))
     assert not child.is_alive()
     assert child.killed is killed
+
+
+class Clock:
+    """Stands in for the module `time`: it goes on by what is slept."""
+
+    def __init__(self) -> None:
+        self.now_s = 0.0
+
+    def monotonic(self) -> float:
+        return self.now_s
+
+    def monotonic_ns(self) -> int:
+        return int(self.now_s * 1e9)
+
+    def sleep(self, duration_s: float) -> None:
+        self.now_s += duration_s
+
+
+class Child:
+    """Lives until it is ended."""
+
+    pid = 1
+
+    def __init__(self) -> None:
+        self.exitcode: int | None = None
+
+    def is_alive(self) -> bool:
+        return self.exitcode is None
+
+    def kill(self) -> None:
+        self.exitcode = -9
+
+    def terminate(self) -> None:
+        self.exitcode = 0
+
+    def join(self, timeout: float | None = None) -> None:
+        pass
+
+
+class ShortOfMemory(SessionProcesses):
+    """A session on a computer that has no memory for another process at so many attempts."""
+
+    def __init__(self, launch: Launch, clock: Clock, refusals: int) -> None:
+        super().__init__(launch)
+        self.clock, self.refusals = clock, refusals
+        self.attempts_s: list[float] = []
+        self.children = {name: Child() for name in launch.order}
+        self._children = cast("dict[str, BaseProcess]", self.children)
+
+    def _spawn(self, name: str) -> None:
+        self.attempts_s.append(self.clock.now_s)
+        if len(self.attempts_s) <= self.refusals:
+            raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+        self.children[name] = Child()
+
+    def _must_end(self) -> bool:
+        return super()._must_end() or self.clock.now_s > LOADING_S  # a new one would have to report
+
+
+@pytest.mark.parametrize(("refusals", "attempts"), [(1, 2), (99, len(BACK_OFF_S))])
+def test_a_perception_that_can_not_be_started_again_ends_no_session(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, refusals: int, attempts: int
+) -> None:
+    setup = make_setup(Home(tmp_path), Config(), DEMO_PATIENT, None)
+    clock = Clock()
+    monkeypatch.setattr(supervise, "time", clock)
+    order = ("perception", "control")
+    processes = ShortOfMemory(Launch(setup=setup, entry="app.session.child:run_process", order=order), clock, refusals)
+    try:
+        processes.children["perception"].kill()
+        processes.run()
+        assert clock.now_s > LOADING_S
+        assert processes.children["control"].is_alive()
+        assert processes.children["perception"].is_alive() is (attempts > refusals)
+        assert len(processes.attempts_s) == attempts
+        pauses_s = [after - before for before, after in pairwise(processes.attempts_s)]
+        assert pauses_s == pytest.approx([one - 1.0 for one in BACK_OFF_S[1:attempts]], abs=2 / SESSION.rate_hz)
+    finally:
+        processes.close()
 
 
 def test_a_session_ends_in_order_though_its_file_can_not_be_removed(tmp_path: Path) -> None:
