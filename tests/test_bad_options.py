@@ -19,7 +19,7 @@ from app.evaluate.harness import EvaluateFault, kept_lines
 from app.recording.schemas import TOPICS
 from app.recording.writer import RecordingWriter
 from app.system.errors import AppError
-from app.system.paths import LockFault
+from app.system.paths import LockFault, find_home
 from app.text.catalogue import render
 from logs import query
 from logs.errors import AuditError, AuditFault
@@ -174,6 +174,23 @@ def test_a_home_that_is_a_file_is_refused_before_the_work(tmp_path: Path, path: 
     assert caught.value.code is LockFault.NO_FOLDER
     assert [one.name for one in tmp_path.rglob("*")] == ["file"]
     assert file.read_text() == "kept"
+
+
+def test_a_home_whose_name_is_not_utf_8_is_refused_in_one_sentence(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    home = tmp_path / os.fsdecode(b"h\xff")
+    for there in (False, True):
+        if there:
+            home.mkdir()
+        with pytest.raises(AppError) as caught:
+            find_home(home)
+        assert caught.value.code is LockFault.UNUSABLE
+        status, err = command_line(["locate", "--home", str(home)], monkeypatch, capsys)
+        assert status == 2
+        assert err.startswith("rleex: ")
+        assert "UTF-8" in err
+        assert len(err.splitlines()) == 1
 
 
 @pytest.mark.parametrize("path", HOMES, ids=" ".join)

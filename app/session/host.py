@@ -60,6 +60,7 @@ START_S = 30.0  # the session's process spawns the others, on a busy machine
 END_S = 25.0  # each process's patience, and the trail's on a usual disk; on a slower one audit ends by itself
 # The heartbeat says that STOP can be given. The terminal's input thread, which takes STOP, reports every 0.1 s.
 INPUT_TIMEOUT_S = 0.5
+LONGEST_PLACE = 60  # of a socket's 107 bytes (unix(7)); folder and longest stream (`app/ipc/streams.py`) take 34
 
 
 class SessionFault(Enum):
@@ -107,7 +108,7 @@ def make_setup(
     return SessionSetup(
         session=f"{stamp}-{secrets.token_hex(2)}",
         home=home.root,
-        links=new_link_directory(Path(tempfile.mkdtemp(prefix="rleex-"))),  # 0700; short enough for a socket's name
+        links=new_link_directory(_socket_folder()),
         config=config,
         profile=profile,
         operator=authority.name if authority else "",
@@ -115,6 +116,13 @@ def make_setup(
         began_ns=time.monotonic_ns(),
         purpose=purpose,
     )
+
+
+def _socket_folder() -> Path:
+    """A new one (0700), in /tmp where the temporary folder's name is too long for a socket, or none for ZeroMQ."""
+    place = tempfile.gettempdir()
+    usable = place.isascii() and len(place) <= LONGEST_PLACE
+    return Path(tempfile.mkdtemp(prefix="rleex-", dir=place if usable else "/tmp"))
 
 
 class SessionHost:

@@ -1,11 +1,12 @@
-"""Files that take their name when they are whole."""
+"""Files that take their name when they are whole, and files that are only locked."""
 
 from __future__ import annotations
 
+import errno
 import os
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 
@@ -31,3 +32,22 @@ def write_whole(path: Path, content: bytes) -> None:
         if mode is not None:
             partial.chmod(mode)
         partial.replace(path)
+
+
+def open_lock(path: Path, mode: int = 0o600) -> int:
+    """Open a file to be locked, made with this mode where there is none, whatever the umask is. Raises OSError.
+
+    Who may read it may lock it. It is open for writing where that is allowed, since NFS locks no other alone
+    (flock(2)); for reading on a read-only disk, and where it is another user's.
+    """
+    with suppress(FileExistsError):  # O_CREAT on another user's file is refused in /tmp (protected_regular, proc(5))
+        handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, mode)
+        with suppress(PermissionError):  # a file system without modes
+            os.fchmod(handle, mode)
+        return handle
+    try:
+        return os.open(path, os.O_RDWR | os.O_NOFOLLOW)
+    except OSError as error:
+        if error.errno not in {errno.EACCES, errno.EPERM, errno.EROFS}:
+            raise
+        return os.open(path, os.O_RDONLY | os.O_NOFOLLOW)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from app.system.config import SessionSetup, load_device
 from app.system.errors import AppError
+from app.system.files import open_lock
 from app.system.paths import Home, LockFault
 
 if TYPE_CHECKING:
@@ -23,6 +24,7 @@ if TYPE_CHECKING:
 # Drives are the same to every user and every home of a host. Each folder that can be written to: not every user may
 # write to the first.
 HOST_FOLDERS = (Path("/run/lock"), Path("/tmp"))
+SERVES_ALL = 0o644  # the next user must find the bus taken, whoever made its file
 _HELD = Path("/proc/locks")
 
 
@@ -34,7 +36,7 @@ class LegsLock:
         self._files: list[tuple[Path, int]] = []
         for path in paths:
             try:
-                self._files.append((path, _open(path)))
+                self._files.append((path, open_lock(path, SERVES_ALL)))
             except OSError as error:
                 self.close()
                 raise AppError(LockFault.UNUSABLE, home=path, detail=error.strerror) from error
@@ -62,6 +64,9 @@ class LegsLock:
                 holders = _holders(handle)
                 self.close()
                 raise AppError(LockFault.LEGS_HELD, pid=", ".join(map(str, holders)) or "?", path=path) from None
+            except OSError as error:
+                self.close()
+                raise AppError(LockFault.UNUSABLE, home=path, detail=error.strerror) from error
 
 
 def claim_legs(setup: SessionSetup) -> LegsLock:
@@ -109,13 +114,6 @@ def _bus_locks(device: Exoskeleton) -> tuple[Path, ...]:
     folders = [one for one in HOST_FOLDERS if os.access(one, os.W_OK)] or HOST_FOLDERS[-1:]
     buses = dict.fromkeys(f"rleex-{bus.interface}-{bus.channel}".replace("/", "-") for bus in device.buses)
     return tuple(folder / f"{bus}.lock" for folder in folders for bus in buses)
-
-
-def _open(path: Path) -> int:
-    """For reading only, so that a file that another user has made serves as well."""
-    with suppress(FileExistsError):
-        os.close(os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW, 0o644))
-    return os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_CLOEXEC)
 
 
 def _holders(handle: int) -> list[int]:

@@ -9,7 +9,7 @@ import fcntl
 import os
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from enum import Enum
 from pathlib import Path
@@ -17,8 +17,9 @@ from pathlib import Path
 import platformdirs
 
 from app.system.errors import AppError
+from app.system.files import open_lock
 from logs.reading.errors import cause_of
-from logs.reading.regular import path_named
+from logs.reading.regular import path_named, text_of
 
 RECORDING_SUFFIX = ".mcap"
 PICTURES_SUFFIX = ".pictures.mcap"
@@ -99,11 +100,12 @@ def pictures_path(folder: Path, session: str) -> Path:
 def find_home(given: Path | None = None) -> Home:
     """The home: the one given, else RLEEX_HOME, else the platform's data directory. Makes nothing.
 
-    Raises AppError when it is there and no folder.
+    Raises AppError when it is there and no folder, or its name is not UTF-8: sessions are told it as text.
     """
     chosen = given or os.environ.get("RLEEX_HOME") or platformdirs.user_data_dir("rleex")
     try:
         root = path_named(chosen)
+        text_of(os.fsencode(root))
         is_folder = stat.S_ISDIR(root.stat().st_mode)
     except FileNotFoundError:
         is_folder = True  # it is made when first written to
@@ -131,13 +133,13 @@ def hold_home(home: Home) -> Iterator[None]:
     """
     try:
         home.root.mkdir(parents=True, exist_ok=True)
-        handle = os.open(home.lock, os.O_RDWR | os.O_CREAT, 0o600)
+        handle = open_lock(home.lock)
     except OSError as error:
         raise AppError(LockFault.UNUSABLE, home=home.root, detail=error.strerror) from error
     try:
         _take(handle, home)
-        os.ftruncate(handle, 0)
-        os.write(handle, f"{os.getpid()}\n".encode())
+        with suppress(OSError):  # only told to the next one: a disk that takes no byte keeps nobody from held legs
+            os.ftruncate(handle, os.write(handle, f"{os.getpid()}\n".encode()))
         yield
     finally:
         os.close(handle)
@@ -149,3 +151,5 @@ def _take(handle: int, home: Home) -> None:
     except BlockingIOError:
         holder = os.pread(handle, 32, 0).decode(errors="replace").strip() or "?"
         raise AppError(LockFault.HELD, pid=holder, home=home.root) from None
+    except OSError as error:
+        raise AppError(LockFault.UNUSABLE, home=home.root, detail=error.strerror) from error

@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+import tempfile
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
+from app.ipc import streams
+from app.ipc.links import OrderedReceiver, address
+from app.ipc.messages import OperatorCommand
 from app.session.host import make_setup
+from app.session.shared import encode
 from app.system.authority import demonstration
 from app.system.config import Config, JointsConfig
 from app.system.errors import AppError
@@ -37,6 +45,24 @@ def test_real_joints_take_a_sign_in_that_may_move_a_patient(tmp_path: Path) -> N
     assert not demonstration(home, EMULATED.joints).may(Permission.EDIT_PATIENTS)
     setup = make_setup(home, Config(), DEMO_PATIENT, None)
     assert (setup.operator, setup.role) == ("", "")
+
+
+@pytest.mark.parametrize("name", ["d" * 90, "a\u00e9", os.fsdecode(b"h\xff")], ids=["long", "letter", "bytes"])
+def test_a_session_has_sockets_whatever_the_temporary_folder_is_called(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    folder = tmp_path / name
+    folder.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(folder))
+    setup = make_setup(Home(tmp_path), Config(), DEMO_PATIENT, None)
+    try:
+        assert setup.links.path.stat().st_mode & 0o777 == 0o700
+        names = [one.name for one in vars(streams).values() if isinstance(one, streams.Stream)]
+        with closing(OrderedReceiver(address(setup.links, max(names, key=len)), OperatorCommand)):
+            assert [one.suffix for one in setup.links.path.iterdir()] == [".sock"]
+        assert encode(setup)
+    finally:
+        shutil.rmtree(setup.links.path)
 
 
 def test_a_configuration_changed_by_an_editor_is_on_record_once(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import fcntl
 import os
 import subprocess
@@ -18,8 +19,9 @@ from app.system import legs_lock
 from app.system.config import Config, JointsConfig, SessionSetup
 from app.system.errors import AppError
 from app.system.legs_lock import LegsLock, check_legs_free, claim_legs, lock_paths, share_legs
-from app.system.paths import Home
+from app.system.paths import Home, LockFault, hold_home
 from profiles.schema import DEMO_PATIENT
+from tests.support.disks import read_only_disk
 
 SHARE = """
 import sys
@@ -147,3 +149,34 @@ def test_a_file_of_another_user_serves_and_a_link_is_refused(tmp_path: Path) -> 
     with suppress(AppError):
         LegsLock([file, link])
     LegsLock([file]).take_alone()
+
+
+def test_a_strict_umask_keeps_no_other_user_off_the_drives(tmp_path: Path) -> None:
+    path = tmp_path / "bus.lock"
+    former = os.umask(0o077)
+    try:
+        LegsLock([path]).close()
+    finally:
+        os.umask(former)
+    assert path.stat().st_mode & 0o777 == 0o644
+
+
+def test_legs_are_held_on_nfs_and_a_lock_that_fails_names_its_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = fcntl.flock
+
+    def flock(handle: int, how: int) -> None:
+        """As NFS: an exclusive lock needs a file that is open for writing (flock(2))."""
+        if how & fcntl.LOCK_EX and fcntl.fcntl(handle, fcntl.F_GETFL) & os.O_ACCMODE == os.O_RDONLY:
+            raise OSError(errno.EBADF, os.strerror(errno.EBADF))
+        real(handle, how)
+
+    monkeypatch.setattr(fcntl, "flock", flock)
+    home = Home(tmp_path)
+    with hold_home(home):
+        check_legs_free(home)
+        with read_only_disk(), pytest.raises(AppError) as refused:
+            check_legs_free(home)
+    assert refused.value.code is LockFault.UNUSABLE
+    assert refused.value.values == {"home": home.legs_lock, "detail": os.strerror(errno.EBADF)}
