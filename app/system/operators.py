@@ -12,7 +12,7 @@ import os
 import time
 import unicodedata
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext, suppress
 from enum import Enum
 from functools import cache
 from itertools import pairwise
@@ -25,6 +25,7 @@ from msgspec.structs import replace
 
 from app.system.config import Config
 from app.system.errors import AppError
+from app.system.files import open_lock
 from app.system.paths import Home
 from logs.reading.errors import cause_of
 from logs.reading.formats import read_json
@@ -122,7 +123,7 @@ class OperatorStore(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
 
 
 class SignInResult(Struct, frozen=True, kw_only=True):
-    """What a sign-in gave; `store` is to be saved in every case."""
+    """What a sign-in gave; `store` is to be saved where it differs."""
 
     store: OperatorStore
     operator: Operator | None
@@ -153,11 +154,12 @@ def sign_in(store: OperatorStore, name: str, pin: str, now_s: float) -> SignInRe
     """
     operator = store.find(name)
     wait_s = (operator.wait_until_s if operator else store.stranger_wait_until_s) - now_s
+    if wait_s > LONGEST_WAIT_S:  # never given: the clock has been set back, which must lock nobody out for years
+        wait_s = 0.0
     failures = operator.failures if operator else store.stranger_failures
     if operator is not None and is_locked(store, operator):
         return SignInResult(store=store, operator=None, fault=OperatorFault.LOCKED, failures=failures)
     if wait_s > 0:
-        wait_s = min(wait_s, LONGEST_WAIT_S)  # a clock set back must not lock anybody out for years
         fault = OperatorFault.TOO_MANY_ATTEMPTS
         return SignInResult(store=store, operator=None, fault=fault, failures=failures, wait_s=wait_s)
     matches = _matches(operator.pin_hash if operator else _STRANGER_HASH, pin)
@@ -218,11 +220,15 @@ def change_pin(store: OperatorStore, name: str, pin: str) -> OperatorStore:
 def try_pin(folder: Path, name: str, pin: str, now_s: float) -> SignInResult:
     """`sign_in` with the operators kept in a key folder, and the outcome kept: wrong PINs count over restarts.
 
-    Raises AppError when they can't be read or saved: who can't be counted is not let in.
+    Raises AppError when they can't be read, or a wrong PIN can't be counted. The right one needs no disk: a full one
+    must keep nobody from legs that are held. What it forgets of earlier failures is then forgotten another time.
     """
     with store_held(folder):
-        result = sign_in(load_store(folder), name, pin, now_s)
-        save_store(folder, result.store)
+        before = load_store(folder)
+        result = sign_in(before, name, pin, now_s)
+        if result.store != before:
+            with suppress(AppError) if result.operator else nullcontext():
+                save_store(folder, result.store)
     return result
 
 
@@ -231,7 +237,7 @@ def store_held(folder: Path) -> Iterator[None]:
     """One at a time: PINs tried side by side would all count as one. Raises AppError."""
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        handle = os.open(folder / LOCK_FILE, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        handle = open_lock(folder / LOCK_FILE)
     except OSError as error:
         raise AppError(OperatorFault.STORE_NOT_SAVED, path=folder, detail=cause_of(error)) from error
     try:
