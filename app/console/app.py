@@ -26,7 +26,7 @@ from app.console import keys
 from app.console.ending import Ending
 from app.console.keys import commands
 from app.console.live import Clock, HostFactory, LiveSession, preload_modules
-from app.console.operator import Idle
+from app.console.operator import Idle, since_boot_s
 from app.console.pixels import PixelTerminal, asks
 from app.console.screens.base import ConsoleScreen, Dialog
 from app.console.screens.dialogs import Question, ask
@@ -92,7 +92,8 @@ class ConsoleApp(SessionFlow):
         self._terminal: TerminalDriver | None = None  # None: no terminal's thread takes STOP
         self._loop_of_console: asyncio.AbstractEventLoop | None = None
         self._ending = Ending(self._lose_console, self._ask_to_end, self._restore_terminal)
-        self._idle = Idle(touched_s=time.monotonic(), limit_s=config.idle_lock_s)
+        self._idle = Idle(touched_s=since_boot_s(), limit_s=config.idle_lock_s)
+        self._stop_ns = 0  # the newest STOP that counted as a touch
         self._beat: Timer | None = None
         self._beat_s = 0.0
 
@@ -136,7 +137,7 @@ class ConsoleApp(SessionFlow):
         if isinstance(event, events.Key) and self.switch.takes(event):
             return
         if isinstance(event, (events.Key, events.MouseDown)):
-            self._idle = self._idle.touched(time.monotonic())
+            self._idle = self._idle.touched(since_boot_s())
         await super().on_event(event)
 
     @cached_property
@@ -301,10 +302,11 @@ class ConsoleApp(SessionFlow):
                 self.bell()
             if not (live.ending or self.read_only):
                 self._record_ended(newly_ended(before, state.processes))
-        # STOP is taken out of the input before `on_event`, and is a touch as every other key.
-        self._idle = self._idle.touched(max(self._idle.touched_s, self.switch.sent_ns / 1e9))
-        if self._idle.must_lock(time.monotonic(), moving=self._may_move(live, state)):
-            self._idle = self._idle.touched(time.monotonic())
+        now_s, stop_ns = since_boot_s(), self.switch.sent_ns
+        if stop_ns > self._stop_ns:  # taken out of the input before `on_event`, and a touch as every other key
+            self._stop_ns, self._idle = stop_ns, self._idle.touched(now_s)
+        if self._idle.must_lock(now_s, moving=self._may_move(live, state)):
+            self._idle = self._idle.touched(now_s)
             self.action_lock_console()
         screen = self.screen_stack[-1] if self.screen_stack else None  # none left while the program ends
         if isinstance(screen, (ConsoleScreen, Dialog)) and screen.composed:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
 
@@ -79,9 +80,14 @@ class SignedInApp(App[None]):
         return bool((await asyncio.to_thread(load_store, self.home.keys)).operators)
 
 
+def since_boot_s() -> float:
+    """The clock of `Idle`, in s; where there is one (Linux) it goes on while the computer sleeps, with nobody there."""
+    return time.clock_gettime(getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Idle:
-    """The last touch; `limit_s` 0: never lock."""
+    """The last touch, by `since_boot_s`; `limit_s` 0: never lock."""
 
     touched_s: float
     limit_s: float

@@ -7,7 +7,7 @@ import time
 import pytest
 from textual.command import CommandPalette
 
-from app.console.operator import Idle
+from app.console.operator import Idle, since_boot_s
 from app.console.screens.after import AfterScreen
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.signin import LockScreen
@@ -98,6 +98,15 @@ async def test_it_locks_over_a_session_that_could_not_start(console: Opener, mon
         await open_console.until(lambda: isinstance(open_console.app.screen, LockScreen))
 
 
+async def test_a_console_locks_when_its_computer_wakes(console: Opener, monkeypatch: pytest.MonkeyPatch) -> None:
+    async with console(profile=None) as open_console:
+        await open_console.shows("demo")
+        read = time.clock_gettime
+        asleep_s = {time.CLOCK_BOOTTIME: 8 * 3600.0}  # CLOCK_MONOTONIC stands still
+        monkeypatch.setattr(time, "clock_gettime", lambda clock: read(clock) + asleep_s.get(clock, 0.0))
+        await open_console.until(lambda: isinstance(open_console.app.screen, LockScreen))
+
+
 async def test_who_stops_the_legs_sees_them_afterwards(console: Opener) -> None:
     async with console() as open_console:
         app, host = open_console.app, open_console.host
@@ -130,4 +139,4 @@ async def _walk_unwatched(open_console: Console) -> None:
 
 def _touched(open_console: Console, *, ago_s: float) -> None:
     """The last key or click was so long ago, in a console that locks after ten seconds."""
-    open_console.app._idle = Idle(touched_s=time.monotonic() - ago_s, limit_s=10.0)
+    open_console.app._idle = Idle(touched_s=since_boot_s() - ago_s, limit_s=10.0)

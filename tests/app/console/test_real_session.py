@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import signal
-import time
 from pathlib import Path
 
 import pytest
 
-from app.console.operator import Idle
+from app.console.operator import Idle, since_boot_s
 from app.console.screens.after import AfterScreen
 from app.console.screens.checks import Preflight
 from app.console.screens.patients import PatientsScreen
@@ -187,7 +186,7 @@ async def stand_unwatched(console: RealConsole) -> None:
 
 def watch(console: RealConsole, *, limit_s: float) -> None:
     """From now on an untouched console locks after this time; 0: never."""
-    console.app._idle = Idle(touched_s=time.monotonic(), limit_s=limit_s)
+    console.app._idle = Idle(touched_s=since_boot_s(), limit_s=limit_s)
 
 
 async def end_with_note(console: RealConsole, note: str) -> None:
