@@ -34,9 +34,7 @@ class CanInput:
     def open(self, now_ns: int) -> None:
         """Raises HardwareError with the command that brings the bus up."""
         device = self._device
-        bus = self._opens(device.bus)
-        mask = 0x1FFF_FFFF if device.extended else 0x7FF
-        bus.set_filters([{"can_id": device.can_id or 0, "can_mask": mask, "extended": device.extended}])
+        bus = self._opens(device.bus)  # without filters: python-can's ends a reading at the first frame that it drops
         self._port = BusPort(bus, device.bus.channel, now_ns, clock=self._clock, wall_ns=self._wall_ns)
         self._answered_ns, self._closed = now_ns, False
 

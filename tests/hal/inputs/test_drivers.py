@@ -101,6 +101,15 @@ def test_frames_of_others_do_not_keep_it_closed(module: FakeModule, data: bytes,
     assert module.input.read(module.now_ns).contact is Contact.SILENT
 
 
+def test_a_press_counts_at_once_however_many_frames_of_others_arrive(module: FakeModule) -> None:
+    """python-can's own filter ends a reading at the first frame that it drops: what followed waited, unbounded."""
+    for contact in (*(Contact.CLOSED,) * 100, Contact.OPEN):
+        module.put(contact)
+        for identifier in (0x201, 0x202, 0x203):
+            module.send(bytes(8), identifier)
+        assert module.read().contact is contact
+
+
 def test_a_frame_that_is_too_short_is_an_open_contact(module: FakeModule) -> None:
     module.read()
     module.send(b"\x04")
