@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import isnan, nan, radians
+from math import isnan, nan
 from operator import ge, gt
 from typing import TYPE_CHECKING
 
@@ -18,7 +18,7 @@ from app.ipc.states import LinkQuantity
 from app.ipc.streams import NS_PER_MS, TRIGGER
 from app.motion.follower import Mode, Motion
 from hal.errors import HardwareError
-from hal.joints.guard import Refusal
+from hal.joints.guard import RANGE_MARGIN_RAD, SPEED_MARGIN, TORQUE_MARGIN, Refusal
 from hal.joints.protocol import BusFault, DriveFault, Joint, JointFeedback
 from logs.reason import Reason, Value, reason
 
@@ -26,9 +26,6 @@ if TYPE_CHECKING:  # the state holds events, whose rows read the diagnostics
     from app.control.state import ControlState, Tick
 
 FOLLOWING_WARN_RAD = 0.14  # 8°, four times the tracking that the plans are checked for
-RANGE_MARGIN_RAD = radians(2.0)  # of the measured angle over the device's range: encoder noise and a soft stop
-SPEED_MARGIN = 1.1
-TORQUE_MARGIN = 1.05
 LOADING_MS = 30_000.0  # until the hand model is loaded, messages may be late or missing: no sign of a fault
 # With more than this a gesture's release, which is 100 ms old when perception has judged it, may be older than TRIGGER
 # allows when it arrives, and a heartbeat may look lost. TCP repeats what was lost after 200 ms.

@@ -19,6 +19,10 @@ from hal.joints.protocol import TICK_S, Joint, JointArray, JointCommand
 STIFFNESS_RAMP_S = 0.05  # no faster from nothing to the device's full stiffness, nor back
 TORQUE_RAMP_S = 0.05  # likewise for the feed-forward torque
 ENGAGE_RAD = radians(3.0)  # a joint without stiffness gets it no farther from where it is than this
+# How far a measured value may be beyond its limit before control acts.
+RANGE_MARGIN_RAD = radians(2.0)  # encoder noise and a soft stop
+SPEED_MARGIN = 1.1
+TORQUE_MARGIN = 1.05
 
 
 class Quantity(Enum):

@@ -62,7 +62,7 @@ def with_motor(motor: str, **changes: object) -> Exoskeleton:
 
 def small_gear(motor: str) -> Exoskeleton:
     """The demo device with a small motor behind a belt of 1:2, limits within its wire format."""
-    return with_motor(motor, transmission=2.0, max_torque_nm=24.0, max_stiffness_nm_rad=400.0, zero_offset_deg=5.0)
+    return with_motor(motor, transmission=2.0, max_torque_nm=22.0, max_stiffness_nm_rad=400.0, zero_offset_deg=5.0)
 
 
 def command(

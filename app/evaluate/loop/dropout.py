@@ -8,7 +8,6 @@ from pathlib import Path
 
 from rich.table import Table
 
-from app.control.diagnostics import SPEED_MARGIN
 from app.control.events.drives import FOLLOWING_LIMIT_RAD
 from app.control.events.programs import CONTROL_LATE_MS, CONTROL_STALLED_MS
 from app.evaluate.harness import Step, figure, table
@@ -18,6 +17,7 @@ from app.motion.dropout import MISSING_MS, Dropout, dropouts
 from app.motion.plan import Patient
 from app.text.catalogue import render, tr
 from hal.joints.device import Exoskeleton
+from hal.joints.guard import SPEED_MARGIN
 
 
 def all_dropouts(patient: Patient, device: Exoskeleton, step: Step) -> list[Dropout]:

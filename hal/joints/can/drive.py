@@ -32,6 +32,7 @@ class Drive:
         self.enabled: bool | None = None
         self.latched = DriveFault.NONE  # every fault since enabling began
         self.replies = 0
+        self.reply_size = 0  # bytes of the newest reply
         self.requests = RequestTracker()
         self.range_check = RangeCheck()
         self._recent: deque[bytes] = deque(maxlen=8)
@@ -185,6 +186,7 @@ def _take_in(drive: Drive, frame: Frame, measured_ns: int) -> BusReport | None:
     if reply is None:
         values = {**drive.identity, "size": len(frame.data)}
         return BusReport(BusFault.MALFORMED, CanFault.UNREADABLE_REPLY, values)
+    drive.reply_size = len(frame.data)
     if not drive.take(reply, measured_ns):
         return BusReport(BusFault.DUPLICATE_ID, CanFault.TOO_MANY_REPLIES, drive.identity)
     return None

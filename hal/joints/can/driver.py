@@ -13,13 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
-from hal.errors import CanFault, DeviceFault, DrivesFault, HardwareError
+from hal.errors import CanFault, DrivesFault, HardwareError
 from hal.joints.can import lifecycle
-from hal.joints.can.bus import LOAD_LIMIT, BusPort, bus_load, frame_bits, open_bus
+from hal.joints.can.bus import BusPort, open_bus
+from hal.joints.can.description import check_description
 from hal.joints.can.drive import Drive, Router, drives_of
 from hal.joints.can.reply_checks import RangeCheck
 from hal.joints.codecs import damiao
-from hal.joints.codecs.wire import NEUTRAL, Frame, SetPoint
+from hal.joints.codecs.wire import Frame, SetPoint
 from hal.joints.device import Exoskeleton
 from hal.joints.protocol import BusFault, DriveFault, DriveState, Joint, JointCommand, JointFeedback
 
@@ -35,10 +36,7 @@ class SocketCanJoints:
         """Raises HardwareError when the motor table or the bus can't carry this device."""
         self.device = device
         self.drives = drives_of(device, motors)
-        for drive in self.drives:
-            _check_bus(drive, device)
-            lifecycle.check_wire_range(drive)
-        self.loads = _loads(device, self.drives)
+        check_description(device, self.drives)
         self._state = DriveState.UNCONFIGURED
         self._ports: list[BusPort] = []
         self._routers: list[Router] = []
@@ -259,32 +257,3 @@ def _first_fault(drives: tuple[Drive, ...], faults: tuple[DriveFault, ...]) -> H
         if fault:
             return HardwareError(DrivesFault.FAULT_REPORTED, **drive.identity, faults=tuple(fault))
     return None
-
-
-def _check_bus(drive: Drive, device: Exoskeleton) -> None:
-    if not 0 <= drive.device.can_bus < len(device.buses):
-        raise HardwareError(
-            DeviceFault.NO_SUCH_BUS, **drive.identity, bus=drive.device.can_bus, count=len(device.buses)
-        )
-
-
-def _loads(device: Exoskeleton, drives: tuple[Drive, ...]) -> tuple[float, ...]:
-    """Each bus's load. Raises HardwareError above the limit."""
-    loads = []
-    for number, bus in enumerate(device.buses):
-        on_bus = [drive for drive in drives if drive.device.can_bus == number]
-        bits = [
-            frame_bits(8, extended=drive.codec.command(drive.device.can_id, NEUTRAL).extended) * 2 for drive in on_bus
-        ]
-        load = bus_load(bits, bitrate=bus.bitrate)
-        if load > LOAD_LIMIT:
-            raise HardwareError(
-                DeviceFault.BUS_OVERLOADED,
-                bus=bus.channel,
-                load=load,
-                drives=len(on_bus),
-                bitrate=bus.bitrate,
-                limit=LOAD_LIMIT,
-            )
-        loads.append(load)
-    return tuple(loads)

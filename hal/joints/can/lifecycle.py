@@ -9,11 +9,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from hal.errors import DeviceFault, DrivesFault, HardwareError
+from hal.errors import DrivesFault, HardwareError
 from hal.joints.can.drive import Drive
-from hal.joints.codecs import damiao
+from hal.joints.codecs import damiao, mit
 from hal.joints.codecs.wire import NEUTRAL, Order, SetPoint, WireQuantity
-from hal.joints.motors import WireProtocol
+from hal.joints.motors import ReplyLayout, WireProtocol
 from hal.joints.protocol import DriveFault, DriveState, Joint
 
 if TYPE_CHECKING:
@@ -23,33 +23,6 @@ _REPLY_TIMEOUT_S = 0.15  # a drive answers within a millisecond; a busy host nee
 ATTEMPTS = 3
 
 Request = Callable[["SocketCanJoints", Drive], bool]  # whether the bus took it
-
-
-def check_wire_range(drive: Drive) -> None:
-    """The joint's limits must fit into the motor's wire format. Raises HardwareError with the numbers."""
-    device, model = drive.device, drive.model
-    ends = (drive.transmission.angle_to_motor(math.radians(degrees)) for degrees in (device.min_deg, device.max_deg))
-    extreme = drive.transmission.to_motor(
-        SetPoint(
-            0.0,
-            math.radians(device.max_speed_deg_s),
-            device.max_stiffness_nm_rad,
-            device.max_damping_nm_s_rad,
-            device.max_torque_nm,
-        )
-    )
-    rows = (
-        (WireQuantity.ANGLE, max(map(abs, ends)), model.position_rad),
-        (WireQuantity.SPEED, abs(extreme.velocity_rad_s), model.velocity_rad_s),
-        (WireQuantity.STIFFNESS, extreme.stiffness_nm_rad, model.stiffness_nm_rad),
-        (WireQuantity.DAMPING, extreme.damping_nm_s_rad, model.damping_nm_s_rad),
-        (WireQuantity.TORQUE, abs(extreme.torque_nm), model.torque_nm),
-    )
-    for quantity, needed, limit in rows:
-        if needed > limit * (1 + 1e-9):
-            raise HardwareError(
-                DeviceFault.BEYOND_WIRE_RANGE, **drive.identity, quantity=quantity, value=needed, limit=limit
-            )
 
 
 def probe(joints: SocketCanJoints) -> None:
@@ -67,6 +40,7 @@ def probe(joints: SocketCanJoints) -> None:
         raise _no_reply(joints, silent)
     _forget_questions_of_drives_left_on(joints)
     for drive in joints.drives:
+        _check_reply_size(joints, drive)
         _check_ranges(joints, drive)
     if joints.state is DriveState.DISABLED:
         _clear_faults(joints)
@@ -225,6 +199,27 @@ def _no_reply(joints: SocketCanJoints, silent: list[Drive]) -> HardwareError:
 
 def _faulted(drive: Drive, faults: DriveFault) -> HardwareError:
     return HardwareError(DrivesFault.FAULT_BEFORE_ENABLING, **drive.identity, faults=tuple(faults))
+
+
+def _check_reply_size(joints: SocketCanJoints, drive: Drive) -> None:
+    """Raises HardwareError when an MIT drive does not report temperature and error as its entry says: a wrong entry.
+
+    One whose reply to an order differs is asked by a set-point before, as in a session. Whether the bus voltage comes
+    does not count: nothing reads it, and bgkatz's firmware sends it or not, by its version.
+    """
+    if drive.model.protocol is not WireProtocol.MIT or _fits_layout(drive):
+        return
+    for _ in range(ATTEMPTS):
+        _ask_once(joints, [drive], _by_neutral_question)
+        if _fits_layout(drive):
+            return
+    expected = mit.LENGTH_OF[drive.model.reply]
+    raise HardwareError(DrivesFault.REPLY_SIZE_MISMATCH, **drive.identity, size=drive.reply_size, expected=expected)
+
+
+def _fits_layout(drive: Drive) -> bool:
+    reports_errors = drive.reply_size == mit.LENGTH_OF[ReplyLayout.TEMPERATURE]
+    return reports_errors == (drive.model.reply is ReplyLayout.TEMPERATURE)
 
 
 def _check_ranges(joints: SocketCanJoints, drive: Drive) -> None:

@@ -12,8 +12,7 @@ from hal.joints.motors import MotorModel, ReplyLayout
 SPECIAL = {Order.ENABLE: 0xFC, Order.DISABLE: 0xFD, Order.ZERO: 0xFE, Order.CLEAR: 0xFB}
 ORDER_OF = {code: order for order, code in SPECIAL.items()}
 _SEVEN_FF = b"\xff" * 7
-_REPLY_LENGTHS = (6, 7, 8)
-_LENGTH_OF = {ReplyLayout.SHORT: 6, ReplyLayout.VOLTAGE: 7, ReplyLayout.TEMPERATURE: 8}
+LENGTH_OF = {ReplyLayout.SHORT: 6, ReplyLayout.VOLTAGE: 7, ReplyLayout.TEMPERATURE: 8}
 
 
 def pack_set_point(scales: Scales, target: SetPoint) -> bytes:
@@ -90,7 +89,7 @@ class MitCodec:
     def read_reply(self, frame: Frame) -> Reply | None:
         """A reply of 6, 7 (voltage, unused) or 8 bytes (temperature and error)."""
         data = frame.data
-        if frame.extended or len(data) not in _REPLY_LENGTHS:
+        if frame.extended or len(data) not in LENGTH_OF.values():
             return None
         position, velocity, torque = unpack_state(self._scales, data)
         if len(data) < 8 or self._motor.reply is not ReplyLayout.TEMPERATURE:
@@ -108,7 +107,7 @@ class MitCodec:
     def reply(self, state: Reply, reply_id: int, error_code: int) -> Frame:
         """The reply in the motor's own layout."""
         body = bytes((state.drive_id,)) + pack_state(self._scales, state)
-        length = _LENGTH_OF[self._motor.reply]
+        length = LENGTH_OF[self._motor.reply]
         if length == 7:
             body += b"\x60"  # bus voltage: 24 V in quarter volts
         elif length == 8:

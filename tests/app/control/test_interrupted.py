@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.control.diagnostics import SPEED_MARGIN, TORQUE_MARGIN
 from app.control.drives import Drives
 from app.control.events.drives import FOLLOWING_LIMIT_RAD, POSE_LIMIT_RAD
 from app.control.gait import machine as gait_machine
@@ -17,7 +16,7 @@ from app.motion.follower import Mode, Motion, gains_of
 from app.motion.plan import Phase, PlanRequest, patient_of
 from app.motion.trajectory import RECIPES, nominal_pose, path_of, plan, scene_of
 from hal.joints.device import load_exoskeleton
-from hal.joints.guard import limits_of
+from hal.joints.guard import SPEED_MARGIN, TORQUE_MARGIN, limits_of
 from hal.joints.protocol import TICK_HZ
 from hal.joints.simulated.driver import SimulatedJoints
 from profiles.schema import DEMO_PATIENT

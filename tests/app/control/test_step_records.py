@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from app.control.diagnostics import LOADING_MS, SPEED_MARGIN
+from app.control.diagnostics import LOADING_MS
 from app.control.events.table import LINGER_NS
 from app.control.running_action import Stage
 from app.control.state import REPORTS_KEPT, ControlState
@@ -16,7 +16,7 @@ from app.control.step import END_HOLD_NS
 from app.ipc.states import Effect, Event, RequestRefusal
 from app.ipc.streams import TRIGGER
 from app.motion.follower import Mode
-from hal.joints.guard import Quantity, Refusal
+from hal.joints.guard import SPEED_MARGIN, Quantity, Refusal
 from hal.joints.protocol import DriveState, Joint
 from kgdfa.gesture import Gesture
 from logs import records

@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from app.control.diagnostics import SPEED_MARGIN
 from app.control.events.drives import FOLLOWING_LIMIT_RAD
 from app.control.events.programs import CONTROL_LATE_MS, CONTROL_STALLED_MS
 from app.evaluate.loop.dropout import dropout_table, plot_dropouts
@@ -15,6 +14,7 @@ from app.ipc.states import Action
 from app.motion.dropout import Dropout, dropouts, dropouts_about
 from app.motion.plan import patient_of
 from hal.joints.device import load_exoskeleton
+from hal.joints.guard import SPEED_MARGIN
 from profiles.schema import DEMO_PATIENT
 
 DEVICE = load_exoskeleton()

@@ -112,3 +112,16 @@ def test_a_camera_whose_lens_is_refused_is_released(
         with refused(CameraFault.OTHER_RESOLUTION):
             camera.open()
     assert Capture.in_use == 0
+
+
+@pytest.mark.parametrize(("width_px", "height_px", "focal_px"), [(1280, 720, 950.0), (320, 240, 237.5)])
+def test_a_focal_length_that_is_given_for_another_size_is_refused(
+    sysfs: Path, monkeypatch: pytest.MonkeyPatch, width_px: int, height_px: int, focal_px: float
+) -> None:
+    """Every distance would be wrong by the ratio of the sizes: a press without a push, or none at all."""
+    monkeypatch.setattr(cv2, "VideoCapture", Capture)
+    camera = WebcamCamera("c920", width_px=width_px, height_px=height_px, focal_px=focal_px, sysfs=sysfs)
+    stated = {"width_px": width_px, "height_px": height_px, "image_width_px": 640, "image_height_px": 480}
+    with refused(CameraFault.FOCAL_LENGTH_OTHER_SIZE, **stated):
+        camera.open()
+    assert Capture.in_use == 0

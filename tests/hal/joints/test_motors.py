@@ -50,6 +50,13 @@ def test_every_entry_names_its_source_and_only_known_faults() -> None:
         assert all(DriveFault[name] for name in entry.errors.values())
 
 
+def test_openexo_scales_torque_by_its_current_range_and_torque_constant() -> None:
+    """Motor.cpp, AK70: _I_MAX = 23.2 A, kt = 0.13 · 10 Nm/A at the output."""
+    motor = load_motors().find("AK70-10/OpenExo")
+    assert motor.velocity_rad_s == 15.5
+    assert motor.torque_nm == pytest.approx(23.2 * 0.13 * 10)
+
+
 def test_users_add_entries(tmp_path: Path) -> None:
     table = load_motors(write(tmp_path))
     assert table.find("mine").velocity_rad_s == 10.0

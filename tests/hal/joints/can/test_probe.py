@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+import msgspec
 import pytest
 
 from hal.errors import DrivesFault
 from hal.joints.codecs import damiao
 from hal.joints.codecs.wire import Frame, Order, WireQuantity
-from hal.joints.emulator.firmware import EmulatedDrive
+from hal.joints.emulator.firmware import EmulatedDrive, Fault
 from hal.joints.protocol import DriveState, Joint
 from tests.support.can_rig import CanRig, MakeRig, command, with_motor
 from tests.support.errors import refused
@@ -82,4 +83,54 @@ def test_a_drive_that_reports_no_register_is_refused(make_rig: MakeRig, monkeypa
     rig = make_rig(with_motor("DM8009/default", max_torque_nm=50.0))
     lose(monkeypatch, rig.emulator.drives[KNEE], 100, lambda frame: frame.arbitration_id == damiao.REGISTER_ID)
     with refused(DrivesFault.RANGES_UNREPORTED, joint=KNEE):
+        rig.joints.open(rig.now_ns())
+
+
+def with_other_knee(make_rig: MakeRig, described: str, real: str) -> CanRig:
+    """Drives as described, but for the knee's firmware."""
+    device = with_motor(described, max_torque_nm=15.0)
+    knee = msgspec.structs.replace(device.left_knee, motor=real)
+    return make_rig(device, msgspec.structs.replace(device, left_knee=knee))
+
+
+@pytest.mark.parametrize(
+    ("described", "real", "size", "expected"),
+    [("AK80-9/V2", "AK80-9/V1.1", 6, 8), ("AK80-9/V1.1", "AK80-9/V2", 8, 6)],
+)
+def test_a_drive_whose_replies_have_another_length_than_its_entry_says_is_refused(
+    make_rig: MakeRig, described: str, real: str, size: int, expected: int
+) -> None:
+    """Neither its temperature nor its errors would ever be seen."""
+    rig = with_other_knee(make_rig, described, real)
+    with refused(DrivesFault.REPLY_SIZE_MISMATCH, joint=KNEE, size=size, expected=expected):
+        rig.joints.open(rig.now_ns())
+    assert not any(drive.motor_mode for drive in rig.emulator.drives)
+
+
+def test_a_reply_that_only_lacks_the_voltage_is_accepted(make_rig: MakeRig) -> None:
+    """bgkatz's firmware sends six bytes or seven, by its version; the seventh is not used."""
+    rig = with_other_knee(make_rig, "mini-cheetah/bgkatz", "AK80-9/V1.1")
+    rig.joints.open(rig.now_ns())
+    assert rig.joints.read(rig.now_ns()).state is DriveState.PROBED
+
+
+def test_a_short_reply_to_an_order_alone_is_accepted(make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a session set-points are answered: the length of those replies counts."""
+    rig = make_rig(with_motor("AK80-64/V2"))
+    knee = rig.emulator.drives[KNEE]
+    receive = knee.receive
+
+    def answer_orders_briefly(frame: Frame, now_ns: int) -> list[Frame]:
+        replies = receive(frame, now_ns)
+        return [reply._replace(data=reply.data[:6]) for reply in replies] if frame.data[:7] == b"\xff" * 7 else replies
+
+    monkeypatch.setattr(knee, "receive", answer_orders_briefly)
+    rig.joints.open(rig.now_ns())
+    assert rig.joints.read(rig.now_ns()).state is DriveState.PROBED
+
+
+def test_replies_that_can_not_be_read_at_all_are_none(make_rig: MakeRig) -> None:
+    rig = make_rig(with_motor("AK80-64/V2"))
+    rig.emulator.inject(Fault.GARBAGE, KNEE)
+    with refused(DrivesFault.NO_REPLY_BUS_FAULT, joints=(KNEE,)):
         rig.joints.open(rig.now_ns())

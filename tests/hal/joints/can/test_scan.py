@@ -73,7 +73,8 @@ def test_every_id_that_a_description_may_have_is_asked(make_rig: MakeRig) -> Non
     least, greatest = 0, 127
     ids = (least, 1, 2, greatest)
     device = each_joint(
-        with_motor("AK80-64/V2"), lambda number, joint: msgspec.structs.replace(joint, can_id=ids[number])
+        with_motor("AK80-64/V2"),
+        lambda number, joint: msgspec.structs.replace(joint, can_id=ids[number], reply_id=0x200),  # 0 is a drive's here
     )
     make_rig(device)
     with open_bus(device.buses[0]) as bus:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+import re
 from itertools import product
+from pathlib import Path
 
 import pytest
 from hypothesis import given
@@ -171,6 +173,20 @@ def test_no_command_whatever_collides_with_a_special_frame(
     frame = codec_of(motor).command(1, SetPoint(*values))
     assert frame.extended or frame.data[:7] != b"\xff" * 7
     assert len(frame.data) == 8
+
+
+@pytest.mark.parametrize("motor", [motor for motor in MOTORS if motor.protocol is WireProtocol.AK_V3])
+def test_the_first_power_on_asks_a_v3_drive_for_a_tenth_of_its_velocity_range(motor: MotorModel) -> None:
+    """What docs/how-to/drives.md sends to find a wrong entry, as a drive of each entry reads it."""
+    sent = re.findall(r"cansend can0 (\w{8})#(\w+)", Path("docs/how-to/drives.md").read_text(encoding="utf-8"))
+    frames = [Frame(int(identifier, 16), bytes.fromhex(data), extended=True) for identifier, data in sent]
+    turn, again, off = (codec_of(motor).read_command(2, frame) for frame in frames)
+    assert isinstance(turn, SetPoint)
+    assert (again, off) == (turn, Order.DISABLE)
+    assert turn.velocity_rad_s == pytest.approx(motor.velocity_rad_s / 10, abs=quanta(motor)[1])
+    assert turn.stiffness_nm_rad == 0.0
+    assert turn.damping_nm_s_rad == pytest.approx(4.0)
+    assert turn.torque_nm == pytest.approx(0.0, abs=quanta(motor)[4])
 
 
 def test_beyond_the_range_is_the_end_of_the_range() -> None:
