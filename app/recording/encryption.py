@@ -19,7 +19,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, BinaryIO
 
 from app.system.errors import AppError
+from app.system.files import partial_file
 from app.system.paths import find_home
+from logs.disk import Disk
 from logs.reading.regular import open_regular, read_bytes
 
 if TYPE_CHECKING:
@@ -120,20 +122,36 @@ def open_recording(path: Path) -> BinaryIO:
 
 
 def load_or_make_secret(folder: Path, name: str = KEY_FILE) -> bytes:
-    """A secret of the home in its key folder, 0600, made at first. Raises OSError."""
+    """A secret of the home in its key folder, 0600, made at first. Raises OSError; a cut one is never left.
+
+    It is on the medium before it is given: what is encrypted by it would be lost with it.
+    """
     path = folder / name
     folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-    try:
-        handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
-    except FileExistsError:
-        secret = read_bytes(path, KEY_BYTES)
-        if len(secret) != KEY_BYTES:  # cut while it was made: a shorter one would hide less
-            raise OSError(EINVAL, "not a key", str(path)) from None
-        return secret
-    with os.fdopen(handle, "wb") as file:
-        secret = secrets.token_bytes(KEY_BYTES)
-        file.write(secret)
+    if path.exists() and not path.stat().st_size:  # an older version was interrupted while it made it
+        path.unlink()
+    if not path.exists():
+        _make_secret(path)
+    secret = read_bytes(path, KEY_BYTES)
+    if len(secret) != KEY_BYTES:  # a shorter one would hide less
+        raise OSError(EINVAL, "not a key", str(path))
     return secret
+
+
+def _make_secret(path: Path) -> None:
+    """Under its name once it is whole; of two processes that make one, the first is kept."""
+    with partial_file(path) as partial:
+        handle = os.open(partial, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o600)
+        with os.fdopen(handle, "wb") as file:
+            file.write(secrets.token_bytes(KEY_BYTES))
+            file.flush()
+            os.fsync(handle)
+        try:
+            os.link(partial, path)
+        except OSError:
+            if not path.exists():  # a file system without links, such as exFAT
+                partial.replace(path)
+    Disk().sync_folder(path.parent)
 
 
 def key_of(path: Path) -> str | None:

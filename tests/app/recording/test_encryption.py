@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 from pathlib import Path
 
@@ -33,6 +34,7 @@ from app.system.config import Config, RecordingConfig
 from app.system.errors import AppError
 from logs.records import RecordingFile
 from tests.app.recording.conftest import Collector, frame, setup_in
+from tests.support.disks import full_disk
 
 TOPIC = Topic(name=schemas.CONTACT, schema=FootContact, about="")
 CHUNK_NS = 1_000_000_000
@@ -149,6 +151,44 @@ def test_a_key_is_made_once_for_its_owner_alone_and_a_cut_one_is_refused(home: P
     (home / "keys" / KEY_FILE).write_bytes(key[:5])
     with pytest.raises(OSError, match="not a key"):
         load_or_make_secret(home / "keys")
+
+
+def test_a_key_that_a_full_disk_did_not_take_is_made_when_there_is_room(home: Path) -> None:
+    with full_disk(at_bytes=KEY_BYTES - 1), pytest.raises(OSError, match="large"):
+        load_or_make_secret(home / "keys")
+    assert list((home / "keys").iterdir()) == []
+    key = load_or_make_secret(home / "keys")
+    assert len(key) == KEY_BYTES
+    assert load_or_make_secret(home / "keys") == key
+    assert [path.name for path in (home / "keys").iterdir()] == [KEY_FILE]
+
+
+def test_an_empty_key_that_a_crash_has_left_is_made_anew(home: Path) -> None:
+    (home / "keys").mkdir()
+    (home / "keys" / KEY_FILE).touch()
+    key = load_or_make_secret(home / "keys")
+    assert len(key) == KEY_BYTES
+    assert (home / "keys" / KEY_FILE).read_bytes() == key
+
+
+@pytest.mark.parametrize("linked", [True, False], ids=["linked", "no links (exFAT)"])
+def test_a_key_takes_its_name_once_it_is_whole_and_of_two_makers_the_first_wins(
+    home: Path, monkeypatch: pytest.MonkeyPatch, linked: bool
+) -> None:
+    link, found = os.link, []
+
+    def named(source: Path, target: Path) -> None:
+        found.append(source.read_bytes())
+        if not linked:
+            raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
+        target.write_bytes(b"x" * KEY_BYTES)  # another process was faster
+        link(source, target)
+
+    monkeypatch.setattr(os, "link", named)
+    key = load_or_make_secret(home / "keys")
+    assert [len(one) for one in found] == [KEY_BYTES]
+    assert key == (b"x" * KEY_BYTES if linked else found[0])
+    assert [path.name for path in (home / "keys").iterdir()] == [KEY_FILE]
 
 
 def test_a_session_that_is_to_be_encrypted_is_with_its_hash_in_the_trail(home: Path) -> None:
