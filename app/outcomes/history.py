@@ -9,12 +9,14 @@ from collections.abc import Sequence
 from contextlib import suppress
 from enum import Enum, auto
 from pathlib import Path
+from typing import TypeVar
 
 import msgspec
 from msgspec import Struct
 
 from app.outcomes.session import SessionOutcomes, find_outcomes, patient_of_trail
 from app.system.errors import AppError
+from app.system.files import write_whole
 from app.system.paths import Home, recording_path
 from logs.errors import AuditError
 from logs.read import session_paths
@@ -78,16 +80,25 @@ def trails_of(folder: Path, patient: str) -> tuple[list[Path], list[Refused]]:
     return found, refused
 
 
-class _Kept(Struct, frozen=True, kw_only=True):
-    definitions: int
+class _MadeOf(Struct, frozen=True, kw_only=True):
+    """What any version kept."""
+
     made_of: tuple[tuple[int, int], ...]  # trail, recording: bytes, nanoseconds of the last change
+
+
+_Made = TypeVar("_Made", bound=_MadeOf)
+
+
+class _Kept(_MadeOf, frozen=True, kw_only=True):
+    definitions: int
     outcomes: SessionOutcomes
 
 
 def kept_outcomes(folder: Path, trail: Path) -> SessionOutcomes:
     """A session's, kept in a file of this folder if trail and recording are still the same; else measured, and kept.
 
-    What was measured of a recording stays when that is deleted: the trail alone tells less.
+    What was measured of a recording stays when that is deleted, by the definitions of its time: the trail alone tells
+    less. Times of change don't count then: a copy of the home has others.
 
     Raises AppError, AuditError.
     """
@@ -97,28 +108,27 @@ def kept_outcomes(folder: Path, trail: Path) -> SessionOutcomes:
         if path.exists() and (status := path.stat())
     )
     path = folder / f"{trail.stem}.json"
-    kept = _read(path)
-    if kept is not None and (kept.definitions, kept.made_of[: len(made_of)]) == (DEFINITIONS, made_of):
+    kept = _read(path, _Kept)
+    if kept is not None and (kept.definitions, kept.made_of) == (DEFINITIONS, made_of):
+        return kept.outcomes
+    older = kept or _read(path, _MadeOf)
+    tells_more = older is not None and _sizes(older.made_of[:-1]) == _sizes(made_of)  # its recording was deleted
+    if kept is not None and tells_more:
         return kept.outcomes
     found = find_outcomes(trail.parent, str(trail))
-    _write(path, _Kept(definitions=DEFINITIONS, made_of=made_of, outcomes=found))
+    if not tells_more:
+        with suppress(OSError):  # a full disk keeps nothing; the next time it is measured again
+            path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+            write_whole(path, msgspec.json.encode(_Kept(definitions=DEFINITIONS, made_of=made_of, outcomes=found)))
     return found
 
 
-def _write(path: Path, kept: _Kept) -> None:
-    """A full disk keeps nothing; the next time it is measured again."""
-    new = path.with_name(f".{path.name}.new")
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
-        new.write_bytes(msgspec.json.encode(kept))
-        new.replace(path)
-    except OSError:
-        with suppress(OSError):
-            new.unlink(missing_ok=True)
+def _sizes(made_of: tuple[tuple[int, int], ...]) -> list[int]:
+    return [size_bytes for size_bytes, _ in made_of]
 
 
-def _read(path: Path) -> _Kept | None:
+def _read(path: Path, kind: type[_Made]) -> _Made | None:
     try:
-        return msgspec.json.decode(read_bytes(path, MOST_BYTES), type=_Kept)
+        return msgspec.json.decode(read_bytes(path, MOST_BYTES), type=kind)
     except (OSError, InputError, msgspec.MsgspecError, UnicodeDecodeError, RecursionError):
         return None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 
 import msgspec
@@ -13,6 +14,7 @@ from app.cli import cli
 from app.evaluate.outcomes.compare import Case, compare
 from app.evaluate.outcomes.walks import RecordedWalk, Walk
 from app.motion.plan import patient_of
+from app.outcomes import history
 from app.outcomes.history import HistoryFault, kept_outcomes, outcomes_of, outcomes_of_patient
 from app.outcomes.session import OutcomesFault, OutcomeSource, find_outcomes
 from app.recording.read import RecordingReadFault
@@ -115,11 +117,17 @@ def test_an_unreadable_session_is_named_and_the_others_are_told(home: Path, tmp_
     assert code != 0
 
 
-def test_what_was_measured_stays_when_its_recording_is_deleted(home: Path, tmp_path: Path) -> None:
+def trail_and_recording(home: Path, folder: Path) -> tuple[Path, Path]:
+    """The first session's, copied."""
     first, *_ = sessions(home)
-    trail, recording = tmp_path / f"{first}.jsonl", tmp_path / f"{first}.mcap"
-    for path in (trail, recording):
+    copies = folder / f"{first}.jsonl", folder / f"{first}.mcap"
+    for path in copies:
         path.write_bytes((home / "logs" / path.name).read_bytes())
+    return copies
+
+
+def test_what_was_measured_stays_when_its_recording_is_deleted(home: Path, tmp_path: Path) -> None:
+    trail, recording = trail_and_recording(home, tmp_path)
     kept = tmp_path / "outcomes"
     measured = kept_outcomes(kept, trail)
     assert measured.measures.distance_m is not None
@@ -131,6 +139,33 @@ def test_what_was_measured_stays_when_its_recording_is_deleted(home: Path, tmp_p
     recording.unlink()
     trail.write_bytes(trail.read_bytes() + trail.read_bytes().splitlines(keepends=True)[-1])
     assert kept_outcomes(kept, trail).source is OutcomeSource.TRAIL
+
+
+@pytest.mark.parametrize(("copied", "newer"), [(True, False), (False, True), (True, True)])
+def test_what_a_deleted_recording_gave_outlives_a_copy_of_the_home_and_new_definitions(
+    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, copied: bool, newer: bool
+) -> None:
+    trail, recording = trail_and_recording(home, tmp_path)
+    measured = kept_outcomes(tmp_path / "outcomes", trail)
+    assert measured.source is OutcomeSource.RECORDING
+    recording.unlink()
+    if copied:
+        os.utime(trail, ns=(0, 0))
+    if newer:
+        monkeypatch.setattr(history, "DEFINITIONS", history.DEFINITIONS + 1)
+    assert kept_outcomes(tmp_path / "outcomes", trail) == measured
+    assert kept_outcomes(tmp_path / "outcomes", trail) == measured
+
+
+def test_what_a_deleted_recording_gave_an_older_version_is_not_written_over(home: Path, tmp_path: Path) -> None:
+    trail, recording = trail_and_recording(home, tmp_path)
+    kept_outcomes(tmp_path / "outcomes", trail)
+    (kept,) = (tmp_path / "outcomes").iterdir()
+    older = kept.read_bytes().replace(b'"measured_s"', b'"seconds"')
+    kept.write_bytes(older)
+    recording.unlink()
+    assert kept_outcomes(tmp_path / "outcomes", trail).source is OutcomeSource.TRAIL
+    assert kept.read_bytes() == older
 
 
 def test_sessions_are_told_once_in_order_and_of_the_patient_asked_for(home: Path) -> None:
