@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from app.cli.common import HomeOption, check_output, print_text, wide_console
+from app.cli.common import HomeOption, check_output, print_text, shown_after, wide_console
 from app.cli.permission import sign_in
 from app.system.errors import AppError
 from app.system.operators import Permission
@@ -30,32 +30,33 @@ def info(
     home: HomeOption = None,
 ) -> None:
     """Topics, counts, losses, and the hash against the trail."""
-    from msgspec import json as text
-
+    from app.evaluate.harness import write_json
     from app.recording.encryption import key_of
-    from app.system.files import write_whole
 
     path = _found(file, home)
     found, proof, recorded, sent = _surveyed(path)
-    wide_console().print(_table(found, recorded, sent))
-    _print_state(found, proof)
     key = key_of(path)
-    print_text("recording.encrypted" if key else "recording.plain", fingerprint=key or "")
-    if json is not None:
-        values = {
-            "file": path.name,
-            "duration_s": found.duration_s,
-            "messages": found.counts,
-            "made": dict(sent.made),
-            "lost": found.lost,
-            "chunks": found.chunks,
-            "whole": found.whole,
-            "damage": found.damage,
-            "source_damage": found.source_damage,
-            "hash": proof.name.lower(),
-            "key": key,
-        }
-        write_whole(json, text.format(text.encode(values), indent=1) + b"\n")
+
+    def print_all() -> None:
+        wide_console().print(_table(found, recorded, sent))
+        _print_state(found, proof)
+        print_text("recording.encrypted" if key else "recording.plain", fingerprint=key or "")
+
+    values = {
+        "file": path.name,
+        "duration_s": found.duration_s,
+        "messages": found.counts,
+        "made": dict(sent.made),
+        "lost": found.lost,
+        "chunks": found.chunks,
+        "whole": found.whole,
+        "damage": found.damage,
+        "source_damage": found.source_damage,
+        "hash": proof.name.lower(),
+        "key": key,
+    }
+    with shown_after(print_all):
+        write_json(values, json)
 
 
 @cli.command()
@@ -85,11 +86,14 @@ def delete_pictures(file: FileArgument, home: HomeOption = None) -> None:
 
 
 @cli.command()
-def expire(home: HomeOption = None) -> None:
-    """Delete recordings and pictures older than recording.keep_days; the trails stay, and tell of it."""
+def expire(
+    yes: Annotated[bool, typer.Option("--yes", help="Do not ask; for scripts.")] = False, home: HomeOption = None
+) -> None:
+    """Ask, then delete recordings and pictures older than recording.keep_days. Exit status: 0 done, 1 not agreed."""
     from datetime import UTC, datetime
 
-    from app.recording.read import RecordingReadFault, expired
+    from app.recording.expiry import expired
+    from app.recording.read import RecordingReadFault
     from app.system.config import load_config
 
     by = sign_in(home, Permission.EDIT_PATIENTS)
@@ -97,7 +101,14 @@ def expire(home: HomeOption = None) -> None:
     keep_days = load_config(where.config).recording.keep_days
     if keep_days is None:
         raise AppError(RecordingReadFault.KEPT_FOR_EVER)
-    deleted = [path for path in expired(where.logs, keep_days, datetime.now(UTC)) if _delete(path, by)]
+    found = expired(where.logs, keep_days, datetime.now(UTC))
+    for one in found:
+        key = "recording.misdated" if one.after else "recording.old"
+        print_text(key, path=one.path, days=one.age.days, session=one.after)
+    wanted = [one.path for one in found if not one.after]
+    if wanted and not yes:
+        typer.confirm(tr("recording.expire", files=len(wanted)), abort=True)
+    deleted = [path for path in wanted if _delete(path, by)]
     print_text("recording.expired", files=len(deleted), days=keep_days)
 
 

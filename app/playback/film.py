@@ -6,7 +6,7 @@ opened again before it takes its name.
 
 from __future__ import annotations
 
-import os
+import shutil
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -80,19 +80,7 @@ def stretch_of(
     return Stretch(from_s=max(first_s, 0.0), to_s=min(last_s, playback.duration_s), speed=speed)
 
 
-def free_space(folder: Path) -> int:
-    """Bytes of the disk that a user may write."""
-    status = os.statvfs(folder)
-    return status.f_bavail * status.f_frsize
-
-
-def film(
-    playback: Playback,
-    target: Path,
-    stretch: Stretch,
-    step: Callable[[], object],
-    free_bytes: Callable[[Path], int] = free_space,
-) -> int:
+def film(playback: Playback, target: Path, stretch: Stretch, step: Callable[[], object]) -> int:
     """Write it; how many frames. Nothing is left of a film that ends early. Raises AppError."""
     whole = whole_of(playback, stretch.speed)
 
@@ -101,8 +89,7 @@ def film(
             yield frame.draw(view, whole)
             step()
 
-    size_px = WIDTH_PX, HEIGHT_PX
-    write_film(target, images(), frames=stretch.frames, fps=FPS, size_px=size_px, free_bytes=free_bytes)
+    write_film(target, images(), frames=stretch.frames, fps=FPS, size_px=(WIDTH_PX, HEIGHT_PX))
     return stretch.frames
 
 
@@ -113,7 +100,7 @@ def write_film(
     frames: int,
     fps: int,
     size_px: tuple[int, int],
-    free_bytes: Callable[[Path], int] = free_space,
+    free_bytes: Callable[[Path], int] = lambda folder: shutil.disk_usage(folder).free,
 ) -> None:
     """Write so many images, BGR, of this width and height, as MP4. Nothing is left of a film that ends early.
 

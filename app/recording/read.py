@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import re
 import struct
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from datetime import UTC, datetime, timedelta
 from enum import Enum, auto
 from functools import partial
 from hashlib import sha256
@@ -33,7 +31,6 @@ MOST_RECORD = 64 << 20  # bytes
 TRAIL_SUFFIX = ".jsonl"
 STAMP = "%Y%m%dT%H%M%SZ"  # UTC, with which a session's name begins
 CUT = "cut"  # of `Recording.source_damage`
-SESSION_NAME = re.compile(r"\d{8}T\d{6}Z-")
 # What the library makes of bytes that are no record; UnicodeDecodeError is a ValueError.
 DAMAGE = (McapError, zstandard.ZstdError, struct.error, LookupError, MemoryError, OverflowError, ValueError)
 
@@ -107,13 +104,6 @@ def find_recording(folder: Path, named: str) -> Path:
     if len(matches) != 1:
         raise AppError(RecordingReadFault.NO_RECORDING, name=named, folder=folder, matches=len(matches))
     return matches[0]
-
-
-def expired(folder: Path, keep_days: int, now: datetime) -> list[Path]:
-    """Recordings and pictures of sessions that began so long ago, by their names; the oldest first."""
-    oldest = (now - timedelta(days=keep_days)).astimezone(UTC).strftime(STAMP)
-    found = (path for path in folder.glob(f"*{RECORDING_SUFFIX}") if SESSION_NAME.match(path.name))
-    return sorted(path for path in found if path.name[: len(oldest)] < oldest)
 
 
 def session_of(path: Path) -> str:

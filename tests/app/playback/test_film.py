@@ -98,10 +98,10 @@ def test_a_stopped_film_leaves_nothing(playback: Playback, tmp_path: Path) -> No
     assert target.read_bytes() == b"an older film"
 
 
-def test_a_disk_that_fills_is_reported_and_leaves_nothing(playback: Playback, tmp_path: Path) -> None:
-    room = iter([1 << 40, 1 << 20])
+def test_a_disk_that_fills_is_reported_and_leaves_nothing(tmp_path: Path) -> None:
+    room, images = iter([1 << 40, 1 << 20]), [np.zeros((48, 64, 3), np.uint8)] * 75
     with pytest.raises(AppError) as caught:
-        film(playback, tmp_path / "out.mp4", stretch_of(playback, 0.0, 3.0), lambda: None, lambda _: next(room))
+        write_film(tmp_path / "out.mp4", images, frames=75, fps=25, size_px=(64, 48), free_bytes=lambda _: next(room))
     assert caught.value.code is FilmFault.DISK_FULL
     assert not list(tmp_path.iterdir())
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime, timedelta
 from hashlib import sha256
 from pathlib import Path
 
@@ -21,12 +20,10 @@ from app.ipc.streams import PICTURES
 from app.perception.pictures import WIDTH_PX, PictureRecorder, encode
 from app.recording import read, schemas
 from app.recording.pictures import MOST_BEHIND, PicturesFile
-from app.recording.read import STAMP, RecordingReadFault, find_recording, messages, survey
+from app.recording.read import RecordingReadFault, find_recording, messages, survey
 from app.recording.schemas import CompressedImage
-from app.recording.writer import RecordingWriter
 from app.system.errors import AppError
 from app.system.paths import Home, pictures_path, recording_path
-from app.text.catalogue import tr
 from hal.cameras.camera import Frame, Intrinsics, IntrinsicsSource
 from logs.journal import CHANGES
 from logs.read import records
@@ -258,51 +255,6 @@ def test_a_consent_withdrawn_later_deletes_them_on_record(tmp_path: Path) -> Non
     again = CliRunner().invoke(cli, command)
     assert isinstance(again.exception, AppError)
     assert again.exception.code is RecordingReadFault.NO_PICTURES
-
-
-def test_the_keeping_time_takes_files_and_leaves_trails(tmp_path: Path) -> None:
-    home = Home(tmp_path / "home")
-    home.logs.mkdir(parents=True)
-    old, young = (f"{datetime.now(UTC) - timedelta(days=days):{STAMP}}-0001" for days in (31, 29))
-    kept = [recording_path(home.logs, young), home.logs / f"{old}.jsonl", home.logs / "mine.mcap"]
-    gone = [recording_path(home.logs, old), pictures_path(home.logs, old)]
-    for path in (*kept, *gone):
-        path.write_bytes(b"12345")
-    command = ["recording", "expire", "--home", str(home.root)]
-    unset = CliRunner().invoke(cli, command)
-    assert isinstance(unset.exception, AppError)
-    assert unset.exception.code is RecordingReadFault.KEPT_FOR_EVER
-    home.config.write_text("[recording]\nkeep_days = 30\n", encoding="utf-8")
-    done = CliRunner().invoke(cli, command)
-    assert done.exit_code == 0, done.output
-    assert all(path.exists() for path in kept)
-    assert not any(path.exists() for path in gone)
-    (journal,) = (path for path in home.logs.parent.rglob(CHANGES) if path.is_file())
-    changes = [one.body for one in records(journal) if isinstance(one.body, Change)]
-    assert {(one.subject, one.name) for one in changes} == {("recording", path.name) for path in gone}
-    assert CliRunner().invoke(cli, command).exit_code == 0
-
-
-def test_what_a_running_session_writes_is_not_deleted(tmp_path: Path) -> None:
-    home = Home(tmp_path / "home")
-    home.logs.mkdir(parents=True)
-    home.config.write_text("[recording]\nkeep_days = 1\n", encoding="utf-8")
-    session = f"{datetime.now(UTC) - timedelta(hours=25):{STAMP}}-0001"
-    paths = [recording_path(home.logs, session), pictures_path(home.logs, session)]
-    writers = [RecordingWriter(path, schemas.TOPICS, 0) for path in paths]
-    place = ["--home", str(home.root)]
-    refused = CliRunner().invoke(cli, ["recording", "delete-pictures", session, *place])
-    expired = CliRunner().invoke(cli, ["recording", "expire", *place])
-    assert (refused.exit_code, expired.exit_code) == (1, 0)
-    for path in paths:
-        assert path.exists()
-        assert tr("recording.running", path=path) in expired.output
-    assert tr("recording.expired", files=0, days=1) in expired.output
-    assert not list(home.root.rglob(CHANGES)), "nothing is on record that did not happen"
-    assert all(writer.finish() for writer in writers)
-    ended = CliRunner().invoke(cli, ["recording", "expire", *place])
-    assert ended.exit_code == 0, ended.output
-    assert not any(path.exists() for path in paths)
 
 
 def test_a_consent_that_follows_at_once_undoes_no_withdrawal(file: PicturesFile, collector: Collector) -> None:
