@@ -73,6 +73,7 @@ class LinkClient:
         self._audit: AuditHealth | None = None
         self._their: ToLaptop | None = None
         self._stops = WaitingStops()
+        self._acknowledged_ns = 0
         self._lease = 0
         self._heartbeat_ns = 0
         self._fault: Reason | None = None
@@ -168,6 +169,8 @@ class LinkClient:
             if command.lease == self._lease:
                 self._heartbeat_ns = command.sent_ns
             return
+        if command.kind is OperatorKind.ACKNOWLEDGE and command.lease == self._lease:
+            self._acknowledged_ns = command.sent_ns
         if command.kind in STOP_KINDS:
             self._stops.add(mark_of(command))
             if self._remote is not None:
@@ -292,6 +295,7 @@ class LinkClient:
         packet = replace(
             self._beats.next(now_ns, time.time_ns()),
             stops=self._stops.next,
+            acknowledged_ns=self._acknowledged_ns,
             heartbeat_ns=self._heartbeat_ns,
             lease=self._lease,
         )

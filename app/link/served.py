@@ -80,7 +80,7 @@ class ServedSession:
         self._their_operator = host.setup.operator
         # An earlier process of this command counted from less: what control says of its STOPs is none of ours.
         self._sequence = time.monotonic_ns() if held else 0
-        self._heartbeat_ns = 0
+        self._heartbeat_ns = self._acknowledged_ns = 0  # by the laptop's clock
         self._must_take_over = held
         self._returned_ns = 0  # when the laptop came back last: what it was given before that is not carried out
         self._started = self._ending = False
@@ -146,10 +146,19 @@ class ServedSession:
         for command in commands:
             self._hand(command, clock, now_ns)
 
-    def hand_stops(self, stops: Iterable[StopMark], clock: ClockEstimate, now_ns: int) -> None:
-        """STOPs that came by packet: each once, whether its frame came before or comes later."""
+    def hand_stops(
+        self, stops: Iterable[StopMark], clock: ClockEstimate, now_ns: int, acknowledged_ns: int = 0
+    ) -> None:
+        """STOPs that came by packet: each once, whether its frame came before or comes later.
+
+        acknowledged_ns: when the console acknowledged last. That precedes the STOPs given after it, or the first of
+        them would count as a second one, and damp.
+        """
         for stop in stops:
             command = OperatorCommand(lease=stop.lease, sequence=stop.sequence, kind=stop.kind, sent_ns=stop.sent_ns)
+            if 0 < acknowledged_ns < stop.sent_ns:
+                kind = OperatorKind.ACKNOWLEDGE
+                self._hand(replace(command, kind=kind, sent_ns=acknowledged_ns), clock, now_ns)
             self._hand(command, clock, now_ns)
 
     def hand_heartbeat(self, heartbeat_ns: int, lease: int, clock: ClockEstimate) -> None:
@@ -206,6 +215,10 @@ class ServedSession:
         mark = mark_of(given) if given.kind in STOP_KINDS else None
         if given.kind is OperatorKind.HEARTBEAT or mark in self._handed.values():
             return
+        if given.kind is OperatorKind.ACKNOWLEDGE:
+            if given.sent_ns == self._acknowledged_ns:
+                return  # it came with a packet before its frame
+            self._acknowledged_ns = given.sent_ns
         command = localized(given, clock)
         age_ns = now_ns - command.sent_ns
         if mark is not None and self._precedes_return(command):

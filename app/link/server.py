@@ -310,7 +310,7 @@ class JointsServer:
         if beats.clock is not None:
             clock = beats.clock.at(now_ns)
             session.take_over_if_due(now_ns)
-            session.hand_stops(packet.stops, clock, now_ns)
+            session.hand_stops(packet.stops, clock, now_ns, packet.acknowledged_ns)
             session.hand_heartbeat(packet.heartbeat_ns, packet.lease, clock)
 
     def _send_packet(self, session: ServedSession, laptop: Laptop, now_ns: int) -> None:

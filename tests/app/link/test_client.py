@@ -14,11 +14,15 @@ import pytest
 from msgspec.structs import replace
 
 from app.demo.two_hosts import free_port
+from app.ipc import streams
+from app.ipc.links import OrderedSender, address
+from app.ipc.messages import OperatorCommand
+from app.ipc.messages import OperatorKind as K
 from app.link.client import LinkClient
 from app.link.keys import Peer, add_peer, own_key
-from app.link.packets import new_packet_key
+from app.link.packets import PacketSeal, new_packet_key
 from app.link.port import JointsPort
-from app.link.wire import VERSION, FromLaptop, Hello, LinkFault, Refused, ToJoints, Welcome, program
+from app.link.wire import VERSION, FromLaptop, Hello, LinkFault, Packet, Refused, ToJoints, Welcome, program
 from app.session.host import make_setup
 from app.system.config import Config, JointsConfig
 from app.system.paths import Home
@@ -39,6 +43,7 @@ class Joints:
         add_peer(home, Peer(name="laptop", public=own_key(laptop).public, paired_at=""))
         add_peer(laptop, Peer(name="joints", public=own_key(home).public, paired_at="", host=self.host))
         self.frames: list[ToJoints] = []
+        self.packets: list[Packet] = []
         self._answers = [*answers]
         self._port = JointsPort(home, number)
         self._ending = threading.Event()
@@ -52,9 +57,11 @@ class Joints:
 
     def _serve(self) -> None:
         decode = msgspec.msgpack.Decoder(FromLaptop).decode
+        seal = PacketSeal(connection=WELCOME.connection, key=WELCOME.packet_key, at_joints=True)
         while not self._ending.is_set():
             self._port.wait(20)
-            list(self._port.packets())
+            opened = [seal.open(datagram) for datagram, _ in self._port.packets()]
+            self.packets += [packet for packet in opened if packet is not None]
             for identity, _, content in self._port.frames():
                 message = decode(content)
                 if isinstance(message, Hello):
@@ -112,3 +119,23 @@ def test_it_ends_with_its_session_and_waits_for_the_end_of_one_before(
     assert link._fault == answers[-1].reason
     assert bool(joints.frames) is (WELCOME in answers)
     assert not any(frame.ends for frame in joints.frames)
+
+
+def test_a_stop_s_packet_says_when_its_console_acknowledged_last(begin: Begin) -> None:
+    """An acknowledgement comes by frame, which a STOP after it may overtake; another console's is none of its own."""
+    link, joints = begin((WELCOME,))
+    console = OrderedSender(address(link._setup.links, streams.OPERATOR.name))
+    sent = ((K.HEARTBEAT, 1, 10), (K.ACKNOWLEDGE, 1, 20), (K.ACKNOWLEDGE, 2, 30), (K.STOP, 1, 40))
+    for number, (kind, lease, sent_ns) in enumerate(sent):
+        console.send(OperatorCommand(sequence=number, kind=kind, lease=lease, sent_ns=sent_ns))
+    running = threading.Thread(target=link.run)
+    running.start()
+    deadline = time.monotonic() + PATIENCE_S
+    while not any(packet.stops for packet in joints.packets):
+        assert time.monotonic() < deadline, "no packet with the STOP came"
+        time.sleep(0.01)
+    link._began_ns -= int(UNATTENDED_S * 1e9)
+    running.join(PATIENCE_S)
+    console.close()
+    stopped = next(packet for packet in joints.packets if packet.stops)
+    assert ([stop.sent_ns for stop in stopped.stops], stopped.acknowledged_ns) == ([40], 20)

@@ -17,6 +17,7 @@ from app.control.requests import ACT_STALE_MS
 from app.ipc import streams
 from app.ipc.links import OrderedReceiver, Publisher, address
 from app.ipc.messages import OperatorCommand, OperatorKind
+from app.ipc.states import Effect
 from app.ipc.streams import NS_PER_MS
 from app.link.beats import LOST_NS
 from app.link.clock import ClockEstimate
@@ -30,6 +31,7 @@ from logs.read import records
 from logs.records import Change
 from profiles.schema import DEMO_PATIENT
 from testing.fake_host import STANDING
+from tests.app.control.moments import now, standing
 
 K = OperatorKind
 SAME_CLOCK = ClockEstimate(0, 0, 0)
@@ -203,6 +205,34 @@ def test_a_stop_that_an_earlier_process_handed_on_does_not_look_like_a_later_pre
     again, _, pressed = there.control_received(3)
     assert again.sent_ns <= before_ns
     assert pressed.sent_ns == 4_600
+
+
+def test_a_stop_that_overtakes_an_acknowledgement_brings_it_along_and_so_holds(
+    served: Callable[[bool], Served],
+) -> None:
+    """STOP comes by packet while the frame with the acknowledgement waits to be repeated."""
+    there, rig = served(False), standing()
+    first, acknowledged, second = (1_000_000_000 * place for place in (1, 2, 3))
+    there.session.hand_stops([StopMark(1, 1, first)], SAME_CLOCK, first)
+    there.session.hand_stops([StopMark(1, 1, first), StopMark(1, 3, second)], SAME_CLOCK, second, acknowledged)
+    there.give(K.ACKNOWLEDGE, 2, sent_ns=acknowledged)  # its frame
+    given = there.control_received(3)
+    assert [(one.kind, one.sent_ns) for one in given] == [
+        (K.STOP, first),
+        (K.ACKNOWLEDGE, acknowledged),
+        (K.STOP, second),
+    ]
+    for one in given:
+        rig.send(one.kind)
+        rig.tick(100)
+    assert now(rig).effect is Effect.HOLD
+
+
+def test_an_acknowledgement_from_before_a_stop_s_press_alone_precedes_it(served: Callable[[bool], Served]) -> None:
+    there = served(False)
+    there.session.hand_stops([StopMark(1, 1, 5_000)], SAME_CLOCK, 5_000, 6_000)
+    there.session.hand_stops([StopMark(1, 2, 7_000)], SAME_CLOCK, 7_000, 0)
+    assert [one.kind for one in there.control_received(2)] == [K.STOP, K.STOP]
 
 
 def test_keys_that_are_too_old_go_to_control_which_shows_that_it_refuses_them(
