@@ -144,6 +144,54 @@ def test_an_output_that_can_not_be_written_is_refused_before_the_work(
     assert sorted(one.name for one in tmp_path.rglob("*")) == ["file", "folder"]
 
 
+EVIDENCE = ("logs/s.jsonl", "logs/s.mcap", "s.can.log", "keys/operators.json", "keys/ends/manifest.jsonl.json", "link")
+REPLACED = [(path, name) for path, name in OUTPUTS if name not in {"errors", "keypoints"} and path != ("export",)]
+
+
+@pytest.mark.parametrize(("path", "name"), REPLACED)
+@pytest.mark.parametrize("place", EVIDENCE)
+def test_an_output_that_is_evidence_is_refused_and_an_older_result_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: tuple[str, ...], name: str, place: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("RLEEX_HOME", str(tmp_path / "home"))
+    for file in (*EVIDENCE[:-1], "keys/console.key", "logs/older.png"):
+        Path(file).parent.mkdir(parents=True, exist_ok=True)
+        Path(file).write_text("kept")
+    Path("link").symlink_to("logs/s.jsonl")
+    with pytest.raises(AppError) as caught:
+        call(path, name, place)
+    assert caught.value.code is CliFault.OUTPUT_IS_EVIDENCE
+    assert {Path(file).read_text() for file in EVIDENCE} == {"kept"}
+    older = Path("logs/older.png")
+    assert COMMANDS[path].make_context("", arguments_of(path, name, str(older))).params[name] == older
+
+
+@pytest.mark.parametrize(
+    ("command", "options"),
+    [
+        ("response", ("--keep", "--json")),
+        ("foreign", ("--json", "--keep")),
+        ("idle", ("--progress", "--json")),
+        ("trigger", ("--json", "--plot")),
+        ("gestures", ("--keypoints", "--json")),
+        ("gestures", ("--json", "--with-keypoints")),
+    ],
+)
+@pytest.mark.parametrize("there", [False, True])
+def test_one_file_for_two_options_is_refused(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str, options: tuple[str, str], *, there: bool
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("here").symlink_to(".")
+    if there:
+        Path("x.png").write_text("kept")
+    with pytest.raises(AppError) as caught:
+        COMMANDS["evaluate", command].make_context("", [options[0], "x.png", options[1], "here/x.png"])
+    assert (caught.value.code, caught.value.values["path"]) == (CliFault.OUTPUT_TWICE, Path("here/x.png"))
+    assert not there or Path("x.png").read_text() == "kept"
+
+
 @pytest.mark.parametrize(
     ("path", "name"),
     [
@@ -250,6 +298,10 @@ def test_a_number_that_is_none_is_refused(path: tuple[str, ...], name: str, valu
         (("evaluate", "side", "--every", "10"), "--every"),
         (("evaluate", "side", ".", "--digital", "3"), "--digital"),
         (("evaluate", "side", ".", "--keypoints", "k.npz", "--every", "10"), "--every"),
+        (("evaluate", "voice", ".", "--voices", "tuning"), "--voices"),
+        (("evaluate", "voice", ".", "--minutes", "3"), "--minutes"),
+        (("evaluate", "voice", ".", "--seed", "3"), "--seed"),
+        (("evaluate", "voice", ".", "--keep", "kept"), "--keep"),
         (("evaluate", "distance", ".", "--hands", "3"), "--hands"),
         (("evaluate", "distance", ".", "--walks", "3"), "--walks"),
         (("evaluate", "distance", ".", "--focal-px", "900"), "--focal-px"),

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import codecs
 import sys
 from contextlib import suppress
+from io import TextIOWrapper
 from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn
@@ -23,6 +25,7 @@ EXTRAS = {
 
 def main() -> None:
     """Run the command line; an error that a user can cause ends with its text and exit status 2."""
+    _escape_unencodable()
     try:
         from app.cli.tree import command
         from app.text.catalogue import ask_language
@@ -49,6 +52,13 @@ def main() -> None:
 
         sys.stderr.write(f"rleex: {tr('EvaluateFault.EXTRA_MISSING', extra=extra)}\n")
         raise SystemExit(2) from None
+
+
+def _escape_unencodable() -> None:
+    """A terminal whose locale is not UTF-8, or a pipe, gets the code of a character that its encoding has not."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper) and codecs.lookup(stream.encoding).name != "utf-8":
+            stream.reconfigure(errors="backslashreplace")
 
 
 def _refuse(error: Exception) -> NoReturn:

@@ -24,6 +24,7 @@ from app.cli.common import (
     print_answer,
     print_text,
     refuse_options,
+    shown_after,
     sql_of,
     wide_console,
 )
@@ -100,14 +101,18 @@ def verify(
     with _reading_progress(paths) as progress:
         findings = [one for path, by in zip(paths, evidence, strict=True) for one in assess([path], by, progress)]
     joins = join_findings(findings)
-    console = Console(soft_wrap=True, highlight=False)
-    for text in (*(describe(one, render_recorded) for one in findings), *_described(joins)):
-        console.print(text)
+
+    def print_all() -> None:
+        console = Console(soft_wrap=True, highlight=False)
+        for text in (*(describe(one, render_recorded) for one in findings), *_described(joins)):
+            console.print(text)
+
     # One computer's trails alone can't prove a join: that is only told. Several places together must.
     joined = [Finding(file=one.file, status=one.status) for one in joins if len(paths) > 1 or one.is_contradiction]
     status = exit_status([*findings, *joined])
-    if json is not None:
-        _write_findings(json, findings, joins, status)
+    with shown_after(print_all):
+        if json is not None:
+            _write_findings(json, findings, joins, status)
     raise typer.Exit(status)
 
 

@@ -6,6 +6,7 @@ import errno
 import itertools
 import math
 import os
+import sys
 import tempfile
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
@@ -14,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer import CallbackParam
+from typer import CallbackParam, Context
 
 from app.system.errors import AppError
 from app.text.catalogue import tr
@@ -51,6 +52,8 @@ class CliFault(Enum):
     NO_QUESTION = auto()  # ready
     NOT_KEPT = auto()  # doubt
     OUTPUT_UNWRITABLE = auto()  # path, detail
+    OUTPUT_IS_EVIDENCE = auto()  # path
+    OUTPUT_TWICE = auto()  # path
     FIGURE_FORMAT = auto()  # path, known
     NOT_FINITE = auto()  # option, value
     NO_MOMENT = auto()  # option, value
@@ -87,39 +90,74 @@ def print_answer(answer: Any, *, json: bool) -> None:
         Console(highlight=False, markup=False).print(as_table(answer, render_recorded))
 
 
-def check_output(path: Path | None) -> Path | None:
+EVIDENCE_SUFFIXES = (".jsonl", ".mcap", ".can.log")  # trails and journals, recordings, records of a bus
+
+
+def check_output(context: Context, path: Path | None) -> Path | None:
     """An option's callback: refuse a file that can't be written before the work begins. Raises AppError.
 
-    Nothing stays: the folder is tried with a nameless file, for one that is there too: it is replaced by a whole one.
+    So is one that is there and is evidence (`--json` takes a file in `audit verify`, none in `audit show`), and one
+    that two options name.
     """
-    return _checked(path, replaced=True)
+    return None if path is None else check_replaced(claim_output(context, path))
 
 
-def check_appended(path: Path | None) -> Path | None:
+def check_appended(context: Context, path: Path | None) -> Path | None:
     """The same for a file that lines are added to: where it is there, its folder need take no new one."""
-    return _checked(path, replaced=False)
+    return None if path is None else _check_file(claim_output(context, path), replaced=False)
 
 
-def _checked(path: Path | None, *, replaced: bool) -> Path | None:
-    if path is None:
-        return None
+def claim_output(context: Context, path: Path) -> Path:
+    """The file, for this option alone. Raises AppError when another one of the command names it too."""
+    claimed: set[str] = context.meta.setdefault(__name__, set())
+    with _tried(path):
+        place = os.path.realpath(path)
+    if place in claimed:
+        raise AppError(CliFault.OUTPUT_TWICE, path=path)
+    claimed.add(place)
+    return path
 
-    try:
+
+def check_replaced(path: Path) -> Path:
+    """The file, if it can be made or replaced by a whole one. Raises AppError.
+
+    Nothing stays: the folder is tried with a nameless file.
+    """
+    return _check_file(path, replaced=True)
+
+
+def _check_file(path: Path, *, replaced: bool) -> Path:
+    with _tried(path):
         if path.exists():
             if not path.is_file():
                 raise InputError(InputFault.NOT_REGULAR)
             path.open("r+b").close()
             if not replaced:
                 return path
+            if _is_evidence(Path(os.path.realpath(path))):
+                raise AppError(CliFault.OUTPUT_IS_EVIDENCE, path=path)
         with tempfile.TemporaryFile(dir=Path(os.path.realpath(path)).parent):
             return path
+
+
+def _is_evidence(path: Path) -> bool:
+    """By its name, or in a folder with a console's keys, its operators and anchors."""
+    from logs.keys import KEY_FILE
+
+    return path.name.endswith(EVIDENCE_SUFFIXES) or any((folder / KEY_FILE).exists() for folder in path.parents)
+
+
+@contextmanager
+def _tried(path: Path) -> Iterator[None]:
+    try:
+        yield
     except (OSError, ValueError) as error:
         raise AppError(CliFault.OUTPUT_UNWRITABLE, path=path, detail=cause_of(error)) from error
 
 
-def check_figure(path: Path | None) -> Path | None:
+def check_figure(context: Context, path: Path | None) -> Path | None:
     """The same for a figure, whose name's ending is its format."""
-    if check_output(path) is not None and path is not None and path.suffix:
+    if check_output(context, path) is not None and path is not None and path.suffix:
         from matplotlib.backend_bases import FigureCanvasBase
 
         known = FigureCanvasBase.get_supported_filetypes().keys() - {"pgf"}  # that needs LaTeX, and fails at the end
@@ -181,14 +219,20 @@ def wide_console() -> Console:
 
 @contextmanager
 def shown_after(parts: Iterable[Table | str] | Callable[[], None]) -> Iterator[None]:
-    """Write within, then show, or call what shows: a closed stdout costs no file, a full disk none of what is shown."""
+    """Write within, then show, or call what shows: a closed stdout costs no file, a full disk none of what is shown.
+
+    Who closes the pipe has had enough; the exit status stays the command's own.
+    """
     try:
         yield
     finally:
-        if callable(parts):
-            parts()
-        else:
-            show(*parts)
+        try:
+            if callable(parts):
+                parts()
+            else:
+                show(*parts)
+        except (BrokenPipeError, SystemExit):  # Rich makes one of the other, with status 1
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what is buffered fails no more at the end
 
 
 def show(*parts: Table | str) -> None:

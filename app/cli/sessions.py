@@ -16,6 +16,7 @@ from app.cli.common import (
     check_finite,
     check_output,
     check_output_folder,
+    check_replaced,
     print_answer,
     print_text,
     shown_after,
@@ -138,8 +139,7 @@ def replay(
     from app.recording.read import find_recording
 
     with closing(Playback(find_recording(find_home(home).logs, file))) as playback:
-        target = film_file or check_output(Path(f"{playback.name}.mp4"))
-        assert target is not None
+        target = film_file or check_replaced(Path(f"{playback.name}.mp4"))
         stretch = stretch_of(playback, from_s, to_s, event, speed)
         try:
             with bar(wide_console(), target.name, stretch.frames) as step:

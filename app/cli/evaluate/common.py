@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from typer import Context
 
-from app.cli.common import bar, check_figure, check_finite, check_output, wide_console
+from app.cli.common import bar, check_figure, check_finite, check_output, claim_output, wide_console
 from app.evaluate.harness import reading
 from app.system.config import load_config
 from app.system.hand_model import set_up_model
@@ -33,14 +34,14 @@ Seeds = Annotated[str, typer.Option(help="Digital hands: seeds and ranges of see
 Click = Annotated[str, typer.Option(help="Seconds to press and withdraw: 0.3, or a range, 0.3-0.8.")]
 
 
-def check_keypoints(path: Path | None) -> Path | None:
+def check_keypoints(context: Context, path: Path | None) -> Path | None:
     """An option's callback: a file that is there is only read. Raises AppError before the work begins."""
     if path is not None:
         with reading(path):
             if path.is_file():
                 path.open("rb").close()
-                return path
-    return check_output(path)
+                return claim_output(context, path)
+    return check_output(context, path)
 
 
 Keypoints = Annotated[

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 import rich.text
@@ -37,3 +41,12 @@ def test_every_help_is_translated(language: str) -> None:
     translated = list(helps(command()))
     assert len(english) == len(translated) > 150
     assert [text for text, other in zip(english, translated, strict=True) if text and text == other] == []
+
+
+@pytest.mark.parametrize(("encoding", "shown"), [("latin-1", "\\u505c"), ("utf-8", "停")])
+def test_an_encoding_without_a_character_gets_its_code(encoding: str, shown: str) -> None:
+    command = [sys.executable, "-c", "from app.cli import main; main()", "evaluate", "voice", "--help"]
+    paths = {"PYTHONPATH": str(Path(__file__).parents[3]), "PYTHONIOENCODING": encoding}
+    done = subprocess.run(command, capture_output=True, env={**os.environ, **paths}, check=False)
+    assert (done.returncode, done.stderr) == (0, b"")
+    assert f'"stop" and {shown} stop' in done.stdout.decode(encoding)

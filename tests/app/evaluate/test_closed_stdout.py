@@ -6,6 +6,7 @@ import ast
 import errno
 import io
 import os
+import subprocess
 import sys
 from pathlib import Path
 
@@ -14,8 +15,8 @@ import msgspec
 import numpy as np
 import pytest
 
+from app.cli import audit, recording, run, sessions, simulate
 from app.cli import evaluate as commands
-from app.cli import run, sessions, simulate
 from app.cli.common import shown_after
 from app.cli.evaluate.common import status_line
 from app.cli.tree import command
@@ -23,6 +24,8 @@ from app.evaluate.gestures.images import save_hands
 from app.evaluate.harness import EvaluateFault, write_json
 from app.evaluate.loop.rehearsal import NORM_FILE, NORM_SPEED
 from app.evaluate.readings import DetectedImage, LabelledImage
+from app.recording.schemas import TOPICS
+from app.recording.writer import RecordingWriter
 from app.system.errors import AppError
 from kgdfa.gesture import Gesture
 from testing.trails import write_sample
@@ -31,15 +34,10 @@ from tests.kgdfa.hands import STATES, drawn_hand
 
 SOURCES = [
     *Path(commands.__file__).parent.glob("*.py"),
-    *(Path(str(one.__file__)) for one in (run, sessions, simulate)),
+    *(Path(str(one.__file__)) for one in (audit, recording, run, sessions, simulate)),
 ]
 SHOWING = {"show", "print", "print_text", "echo"}
-FUNCTIONS = {
-    f"{file.stem}.{node.name}": node
-    for file in sorted(SOURCES)
-    for node in ast.parse(file.read_text("utf-8")).body
-    if isinstance(node, ast.FunctionDef) and "write_json(" in ast.unparse(node)
-}
+WRITING = {"write_json", "_write_findings"}
 
 
 class FullStdout(io.StringIO):
@@ -56,16 +54,26 @@ def calls(node: ast.AST) -> set[str]:
     return {ast.unparse(one.func) for one in ast.walk(node) if isinstance(one, ast.Call) and one not in later}
 
 
+FUNCTIONS = {
+    f"{file.stem}.{node.name}": node
+    for file in sorted(SOURCES)
+    for node in ast.parse(file.read_text("utf-8")).body
+    if isinstance(node, ast.FunctionDef) and WRITING & calls(node)
+}
+
+
 def test_every_command_with_figures_is_tried() -> None:
     assert len(FUNCTIONS) >= 20
+    assert {"audit.verify", "recording.info"} <= FUNCTIONS.keys()
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_every_command_writes_its_figures_before_it_shows_them(name: str) -> None:
     blocks = [one for one in ast.walk(FUNCTIONS[name]) if isinstance(one, ast.With)]
     (within,) = [one for one in blocks if any("shown_after" in calls(item) for item in one.items)]
-    written = {what for what in calls(FUNCTIONS[name]) if what.rpartition(".")[2].startswith(("write_", "plot_"))}
-    assert "write_json" in written
+    ours = ("write_", "plot_", "_write_")
+    written = {what for what in calls(FUNCTIONS[name]) if what.rpartition(".")[2].startswith(ours)}
+    assert WRITING & written
     assert written <= set().union(*map(calls, within.body))
     assert not SHOWING & {what.rpartition(".")[2] for what in calls(FUNCTIONS[name])}
 
@@ -107,6 +115,38 @@ def test_a_full_stdout_costs_no_figure(
         command().main(["evaluate", *arguments, "--keypoints", "k.npz", "--json", "o.json"], standalone_mode=False)
     assert {one.name for one in tmp_path.iterdir()} - before == files
     assert msgspec.json.decode((tmp_path / "o.json").read_bytes())
+
+
+FINDINGS = [(("audit", "verify", "--home", "."), "exit"), (("recording", "info", "x.mcap"), "hash")]
+
+
+@pytest.mark.parametrize(("arguments", "named"), FINDINGS)
+def test_a_full_stdout_costs_no_finding(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, arguments: tuple[str, ...], named: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    write_sample(tmp_path, minutes=0.1)
+    RecordingWriter(Path("x.mcap"), TOPICS, 0).finish()
+    monkeypatch.setattr(sys, "stdout", FullStdout())
+    with pytest.raises(OSError, match="No space left"):
+        command().main([*arguments, "--json", "o.json"], standalone_mode=False)
+    assert named in msgspec.json.decode(Path("o.json").read_bytes())
+
+
+@pytest.mark.parametrize(("arguments", "named"), FINDINGS)
+def test_a_reader_who_has_had_enough_changes_no_exit_status(
+    tmp_path: Path, arguments: tuple[str, ...], named: str
+) -> None:
+    write_sample(tmp_path, minutes=0.1)
+    RecordingWriter(tmp_path / "x.mcap", TOPICS, 0).finish()
+    reads, writes = os.pipe()
+    os.close(reads)
+    line = [sys.executable, "-c", "from app.cli import main; main()", *arguments, "--json", "o.json"]
+    environment = {**os.environ, "PYTHONPATH": str(Path(commands.__file__).parents[3])}
+    done = subprocess.run(line, stdout=writes, stderr=subprocess.PIPE, cwd=tmp_path, env=environment, check=False)
+    os.close(writes)
+    assert (done.returncode, done.stderr.strip()) == (0, b"")  # the progress bar ends its line
+    assert named in msgspec.json.decode((tmp_path / "o.json").read_bytes())
 
 
 def test_what_can_not_be_written_is_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
