@@ -18,7 +18,7 @@ from typing import TypeVar
 import cv2
 import numpy as np
 
-from app.evaluate.harness import FRAME_NS, Step
+from app.evaluate.harness import FRAME_NS, Step, process_pool
 from app.evaluate.readings import GESTURE_NAMES, NONE_PREFIX, DetectedImage, LabelledImage
 from hal.cameras.camera import DepthArray, ImageArray, Intrinsics
 from hal.cameras.digital_hand.depth import DepthCamera
@@ -280,13 +280,13 @@ _detector: list[PoolDetector] = []  # this process's own
 
 @contextmanager
 def detector_pool(model: Path, count: int) -> Iterator[ProcessPoolExecutor]:
-    """Processes with a detector each; on leaving early, work not begun is dropped."""
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(count, mp_context=context, initializer=_begin, initargs=(model,))
-    try:
+    """Processes with a detector each; on leaving early, work not begun is dropped.
+
+    Raises KgdfaError for a model that is none, AppError when one of the processes ends.
+    """
+    HandDetector(model).close()  # here: a process that can't begin has no sentence
+    with process_pool(count, initializer=_begin, initargs=(model,)) as pool:
         yield pool
-    finally:
-        pool.shutdown(cancel_futures=True)
 
 
 def map_pool(pool: ProcessPoolExecutor, work: Work[Piece, Result], pieces: Sequence[Piece], step: Step) -> list[Result]:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import io
 import math
+import multiprocessing
 import os
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from enum import Enum, auto
 from importlib.util import find_spec
@@ -64,6 +67,7 @@ class EvaluateFault(Enum):
     SEEDS = auto()  # seeds
     CLICK = auto()  # click, low_s, high_s
     WORKER_TIMEOUT = auto()  # limit_s
+    WORKER_ENDED = auto()
     NORM_UNREADABLE = auto()  # file, detail
     ACTION_UNKNOWN = auto()  # name, names
     NO_ROUND = auto()  # seed, sessions, reason, session
@@ -197,6 +201,21 @@ def writing(path: Path) -> Iterator[None]:
         yield
     except (OSError, ValueError) as error:
         raise AppError(EvaluateFault.FILE_UNWRITABLE, file=path, detail=cause_of(error)) from error
+
+
+@contextmanager
+def process_pool(count: int, **options: Any) -> Iterator[ProcessPoolExecutor]:
+    """Processes, spawned; on leaving early, work not begun is dropped. Raises AppError when one of them ends.
+
+    options: of ProcessPoolExecutor, such as what each process begins with.
+    """
+    pool = ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn"), **options)
+    try:
+        yield pool
+    except BrokenProcessPool as error:
+        raise AppError(EvaluateFault.WORKER_ENDED) from error
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 @contextmanager

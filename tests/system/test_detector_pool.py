@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 from pathlib import Path
 from subprocess import DEVNULL, PIPE, Popen
 
 import psutil
+import pytest
+
+from app.evaluate.digital import detector_pool
+from app.evaluate.harness import EvaluateFault, process_pool
+from app.system.errors import AppError
+from kgdfa.errors import KgdfaError, KgdfaFault
 
 LIMIT_S = 60.0
 PARENT = """
@@ -31,3 +38,21 @@ def test_its_processes_end_when_their_parent_is_killed(hand_model: Path, tmp_pat
     while worker.is_running() and worker.status() != psutil.STATUS_ZOMBIE:
         assert time.monotonic() < deadline, "the worker outlives its parent"
         time.sleep(0.05)
+
+
+def test_a_file_that_is_no_model_is_refused_before_any_process_begins(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    path = tmp_path / "no.task"
+    path.write_text("no model")
+    with pytest.raises(KgdfaError) as refused, detector_pool(path, 1):
+        pytest.fail("a pool without a model")
+    assert refused.value.code is KgdfaFault.HAND_MODEL_INVALID
+    assert not capfd.readouterr().err
+
+
+@pytest.mark.parametrize("options", [{}, {"initializer": os._exit, "initargs": (1,)}], ids=["at work", "at once"])
+def test_a_process_that_ends_is_named_in_one_sentence(options: dict[str, object]) -> None:
+    with pytest.raises(AppError) as refused, process_pool(1, **options) as pool:
+        pool.submit(os._exit, 1).result()
+    assert refused.value.code is EvaluateFault.WORKER_ENDED

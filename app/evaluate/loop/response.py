@@ -24,7 +24,8 @@ from app.system.config import Config
 from app.system.errors import AppError
 from app.system.paths import Home
 from app.system.program import PROGRAM, program_identity
-from logs.reason import Reason, reason
+from logs.reading.errors import CodedError
+from logs.reason import Reason, reason, reason_of
 from profiles.schema import Profile
 
 # A quick press is a short one: the hand rests at 27 cm, near the 25 cm of the paper's same-side hand.
@@ -132,27 +133,33 @@ def evaluate_response(
 ) -> ResponseResult:
     """At least `attempts` of every gesture, shared among the hands of the seeds; pushes take from click_s[0] to [1].
 
-    It ends with what there is on Ctrl-C, and when sessions one after the other can't make a round. keep: the file with
-    the sessions that were made, to go on from. Raises AppError, InputError and OSError for one that can't be used.
+    It ends with what there is on Ctrl-C, when sessions one after the other can't make a round, and when one after the
+    first can't be run or kept. keep: the file with the sessions that were made, to go on from. Raises AppError,
+    InputError and OSError for one that can't be used, and what the first session raises.
     """
     sessions = list(_kept(keep, seeds, click_s))
-    for seed, count in shared(attempts, seeds):
-        config, fruitless = demo_config(base, seed=seed, joints=base.joints), 0
-        while left := max(0, count - sum(one.rounds for one in sessions if one.seed == seed)):
-            drawn = sum(one.seed == seed for one in sessions)
-            wanted = min(left, ROUNDS_A_SESSION)
-            rounds = Rounds(wanted, click_s, np.random.default_rng([seed, drawn, 0x70757368]))
-            made = run(home, config, rounds, watch)
-            done = wanted - rounds.left
-            sessions.append(
-                KeptSession(seed=seed, click_s=click_s, rounds=done, program=program_identity()[PROGRAM], result=made)
-            )
-            keep_line(sessions[-1], keep)
-            fruitless = 0 if done else fruitless + 1
-            if rounds.interrupted:
-                return _result(sessions, interrupted=True)
-            if fruitless == FRUITLESS_SESSIONS:
-                return _result(sessions, gave_up=_no_round(seed, made))
+    try:
+        for seed, count in shared(attempts, seeds):
+            config, fruitless = demo_config(base, seed=seed, joints=base.joints), 0
+            while left := max(0, count - sum(one.rounds for one in sessions if one.seed == seed)):
+                drawn = sum(one.seed == seed for one in sessions)
+                wanted = min(left, ROUNDS_A_SESSION)
+                rounds = Rounds(wanted, click_s, np.random.default_rng([seed, drawn, 0x70757368]))
+                made = run(home, config, rounds, watch)
+                done, program = wanted - rounds.left, program_identity()[PROGRAM]
+                sessions.append(KeptSession(seed=seed, click_s=click_s, rounds=done, program=program, result=made))
+                keep_line(sessions[-1], keep)
+                fruitless = 0 if done else fruitless + 1
+                if rounds.interrupted:
+                    return _result(sessions, interrupted=True)
+                if fruitless == FRUITLESS_SESSIONS:
+                    return _result(sessions, gave_up=_no_round(seed, made))
+    except KeyboardInterrupt:  # while a session starts or ends
+        return _result(sessions, interrupted=True)
+    except (CodedError, OSError) as error:
+        if not sessions:
+            raise
+        return _result(sessions, gave_up=reason_of(error))
     return _result(sessions)
 
 

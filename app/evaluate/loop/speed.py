@@ -14,7 +14,6 @@ import os
 import time
 from collections import Counter, defaultdict
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,17 +22,15 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import cv2
-import numpy as np
 from rich.table import Table
 
-from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, percent, plain, table
+from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, percent, plain, process_pool, table
+from app.evaluate.loop.frames import SpeedFrames
 from app.evaluate.loop.networks import NetworkSize, OnnxDetector, bundle_sizes
-from app.evaluate.readings import SPEED_COLUMNS, read_frames
 from app.perception.reporting import PreviewPacer
 from app.system.errors import AppError
 from app.system.scheduling import gc_freeze
 from app.text.catalogue import tr
-from hal.cameras.playback import decode_image
 from kgdfa.button import ButtonPlace
 from kgdfa.draw import draw
 from kgdfa.pipeline import Pipeline, PipelineInput
@@ -47,7 +44,7 @@ if TYPE_CHECKING:
 Result = TypeVar("Result")
 WHOLE, BARE = "whole", "bare"
 WARM_UP = 15  # frames before the clock runs
-START_S = 300.0  # within which every worker must have read its frames and loaded its model
+START_S = 300.0  # within which every worker must have loaded its model and warmed up
 REFERENCE_M, THRESHOLD_M = 0.065, 0.20  # of a usual palm, and the paper's: neither costs time
 
 # The paper's Table 4: mAP@0.5 in %, frames per second on its laptop; KGDFA has 43.12 M parameters.
@@ -217,56 +214,32 @@ class Throughput:
     fps: float
 
 
-def frames_for_speed(directory: Path | None, count: int) -> tuple[list[Image], float, list[Path]]:
-    """Images and focal length, and the files that can't be read: of a recording, or of the digital hand showing one
-    gesture after the other. Raises AppError where none can be read.
-    """
-    if directory is not None:
-        listed = read_frames(directory, SPEED_COLUMNS)[:count]
-        read = [(frame.path, decode_image(frame.path, cv2.IMREAD_COLOR)) for frame in listed]
-        found = [np.asarray(image, np.uint8) for _, image in read if image is not None]
-        if not found:
-            raise AppError(EvaluateFault.IMAGE_UNREADABLE, file=listed[0].path)
-        return found, listed[0].focal_px, [path for path, image in read if image is None]
-    from hal.cameras.digital_hand.driver import DigitalHandCamera
-    from hal.cameras.digital_hand.skeleton import GESTURES
-
-    camera = DigitalHandCamera(clock_ns=lambda: 0)
-    images = []
-    for number in range(count):
-        if number % 25 == 0:
-            camera.command(gesture=GESTURES[number // 25 % len(GESTURES)].name, at_ns=number * FRAME_NS)
-        images.append(camera.render((number + 1) * FRAME_NS).image_bgr)
-    return images, camera.lens.fx_px, []
-
-
 def worker_counts(workers: int | None) -> list[int]:
     """How many processes at once are timed: one, and so many; None: as many as this process has cores; 0: none."""
     most = len(os.sched_getaffinity(0)) if workers is None else workers
     return sorted({1, most}) if most else []
 
 
-def measure_throughput(directory: Path | None, count: int, model: Path, workers: int) -> Throughput:
-    """`workers` processes at once, each over `count` frames. Raises AppError when one of them can't begin."""
-    context = multiprocessing.get_context("spawn")
-    with context.Manager() as manager, ProcessPoolExecutor(workers, mp_context=context) as pool:
+def measure_throughput(frames: SpeedFrames, model: Path, workers: int) -> Throughput:
+    """`workers` processes at once, each over all the frames. Raises AppError when one can't begin, or ends."""
+    with multiprocessing.get_context("spawn").Manager() as manager, process_pool(workers) as pool:
         barrier = manager.Barrier(workers)
-        futures = [pool.submit(_run, directory, count, model, barrier) for _ in range(workers)]
+        futures = [pool.submit(_run, frames, model, barrier) for _ in range(workers)]
         runs = [future.result() for future in futures]
-    frames = sum(observed for observed, _, _ in runs)
+    processed = sum(observed for observed, _, _ in runs)
     spent_s = max(end for _, _, end in runs) - min(start for _, start, _ in runs)
-    return Throughput(workers=workers, frames=frames, fps=frames / spent_s)
+    return Throughput(workers=workers, frames=processed, fps=processed / spent_s)
 
 
-def _run(directory: Path | None, count: int, model: Path, together: Barrier) -> tuple[int, float, float]:
+def _run(frames: SpeedFrames, model: Path, together: Barrier) -> tuple[int, float, float]:
     """How many frames, and when: from and to, by the machine's monotonic clock, which all processes share."""
     from kgdfa.keypoints import live_detector
 
     cv2.setNumThreads(1)
-    images, focal_px, _ = frames_for_speed(directory, count)
+    images = frames.images()
     height, width = images[0].shape[:2]
     place = ButtonPlace.in_the_middle(width, height, THRESHOLD_M)
-    finder = RobustRange(focal_px=focal_px, reference_m=REFERENCE_M)
+    finder = RobustRange(focal_px=frames.focal_px, reference_m=REFERENCE_M)
     parts: dict[str, Any] = {"rules": RobustRules(), "range_finder": finder, "prepare": AsNeeded()}
     with live_detector(model) as detector:
         pipeline = Pipeline(detector=detector, place=place, follow=detector.follow, **parts)

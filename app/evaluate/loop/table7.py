@@ -126,14 +126,14 @@ def shown(result: ResponseResult) -> Iterator[Table | str]:
         yield render(result.gave_up)
     figures = result.as_json()
     if figures["success"] is not None:
+        release_ms = figures["release_to_command_ms"] or dict.fromkeys(("p50", "p99"))
+        measured = {"response_s": figures["response_s"], "visible_s": figures["visible_s"], **release_ms}
         yield tr(
             "evaluate.response.summary",
             success=figures["success"],
             attempts=figures["trials"],
-            response_s=figures["response_s"],
-            visible_s=figures["visible_s"],
-            **figures["release_to_command_ms"],
             unintended=figures["unintended"],
+            **{name: "–" if value is None else value for name, value in measured.items()},
             **PAPER_OVERALL,
         )
 

@@ -47,7 +47,10 @@ class Job:
 
 
 class Run(msgspec.Struct, frozen=True, kw_only=True):
-    """How a table was made. program: SHA-256 of the program's files."""
+    """How a table was made. program: SHA-256 of the program's files.
+
+    – in the place of what is not known of it: sessions of table 7 may be kept from another version, or from several.
+    """
 
     command: str
     date: str
@@ -92,9 +95,10 @@ def make(job: Job, out: Path, options: Sequence[str] = (), program: Sequence[str
             raise KeyboardInterrupt
         if not partial.is_file():
             raise AppError(EvaluateFault.TABLE_NOT_MADE, table=job.table, command=job.command, status=status)
+        run = _run(job, status, time.monotonic() - began_s, read_as(partial, _Kept).programs)
         with writing(figures):
             partial.replace(figures)
-    write_whole(kept, msgspec.json.encode(_run(job, status, time.monotonic() - began_s)))
+    write_whole(kept, msgspec.json.encode(run))
 
 
 def _made(job: Job, figures: Path, kept: Path) -> bool:
@@ -106,14 +110,22 @@ def _made(job: Job, figures: Path, kept: Path) -> bool:
         return False
 
 
-def _run(job: Job, status: int, took_s: float) -> Run:
-    program = program_identity()
+class _Kept(msgspec.Struct, frozen=True):
+    """What figures say of the programs that made them; () of those that keep nothing."""
+
+    programs: tuple[str, ...] = ()
+
+
+def _run(job: Job, status: int, took_s: float, programs: tuple[str, ...]) -> Run:
+    present = program_identity()
+    programs = programs or (present[PROGRAM],)
+    is_present = programs == (present[PROGRAM],)
     return Run(
         command=job.command,
         date=datetime.now().astimezone().isoformat(timespec="minutes"),
-        version=program[VERSION],
-        program=program[PROGRAM],
-        commit=_commit(),
+        version=present[VERSION] if is_present else "–",
+        program=programs[0] if len(programs) == 1 else "–",
+        commit=_commit() if is_present else "–",
         machine=f"{_processor()} ({len(os.sched_getaffinity(0))}), {platform.system()} {platform.release()}",
         status=status,
         took_s=took_s,
@@ -121,10 +133,12 @@ def _run(job: Job, status: int, took_s: float) -> Run:
 
 
 def _commit() -> str:
-    """Where the program runs from a checkout; '' elsewhere."""
+    """Where the program runs from a checkout; '' elsewhere, and without git."""
     command = ["git", "-C", str(ROOT), "rev-parse", "--short", "HEAD"]
-    done = subprocess.run(command, capture_output=True, text=True, check=False)
-    return done.stdout.strip()
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
+    except OSError:
+        return ""
 
 
 def _processor() -> str:

@@ -41,7 +41,7 @@ def _table_3(figures: dict[str, Any]) -> Sheet:
     rules = figures["rules"]
     rows: list[tuple[Cell, ...]] = []
     for gesture, (*_, f1, ap) in PAPER_TABLE_3.items():
-        ours = [100 * rules[name]["per_gesture"][gesture][key] for key in ("f1", "ap") for name in MODES]
+        ours = [_percent(rules[name]["per_gesture"][gesture][key]) for key in ("f1", "ap") for name in MODES]
         rows.append((gesture, f1, *ours[:2], ap, *ours[2:]))
     means = [_percent(rules[name][key]) for key in ("macro_f1", "map") for name in MODES]
     accepted = [decimals(_percent(rules[name]["accepted_undefined"]), ".2f") for name in MODES]
@@ -106,8 +106,11 @@ def _table_7(figures: dict[str, Any]) -> Sheet:
     last = (tr("evaluate.paper.mean"), figures["trials"], *overall, *times)
     series = _series(rows, {"paper": 2, "robust": 3})
     columns = ("gesture", "attempts", "success_paper", "success", "response_paper", "response")
-    note = tr("evaluate.paper.unintended", unintended=figures["unintended"], sessions=figures["sessions"])
-    return Sheet(columns, (*rows, last), series, "gesture", (note,))
+    notes = [tr("evaluate.paper.unintended", unintended=figures["unintended"], sessions=figures["sessions"])]
+    programs = tuple(program[:12] for program in figures.get("programs", ()))
+    if len(programs) > 1:
+        notes.append(tr("evaluate.paper.programs", count=len(programs), programs=programs))
+    return Sheet(columns, (*rows, last), series, "gesture", tuple(notes))
 
 
 Reader = Callable[[dict[str, Any]], Sheet]

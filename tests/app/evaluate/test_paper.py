@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -23,6 +24,8 @@ from app.evaluate.paper.make import Job, Run, figures_file, jobs, make, read_as,
 from app.evaluate.paper.page import write_page
 from app.evaluate.trigger.table6 import CAMERAS, TriggerRow
 from app.system.errors import AppError
+from app.system.program import PROGRAM as PROGRAM_HASH
+from app.system.program import VERSION, program_identity
 
 JOB = Job(5, ("distance",))
 # Counts how often it ran, in the file after --json; ends with the status that its last argument names.
@@ -83,6 +86,42 @@ pathlib.Path(given[given.index("--json") + 1]).write_text('{"seeds": "' + seeds 
 """
 
 
+OWN, OTHER = program_identity()[PROGRAM_HASH], "f" * 64
+
+
+@pytest.mark.parametrize(
+    ("programs", "stamp"),
+    [
+        ([OWN], (program_identity()[VERSION], OWN, True)),
+        ([OTHER], ("–", OTHER, False)),
+        ([OTHER, OWN], ("–", "–", False)),
+    ],
+)
+def test_the_stamp_is_of_the_program_that_made_the_sessions(
+    tmp_path: Path, programs: list[str], stamp: tuple[str, str, bool]
+) -> None:
+    content = msgspec.json.encode({"programs": programs})
+    program = "import pathlib, sys; pathlib.Path(sys.argv[sys.argv.index('--json') + 1]).write_bytes({!r})"
+    make(Job(7, ("response",), kept="1-3"), tmp_path, (), (sys.executable, "-c", program.format(content)))
+    run = read_as(run_file(tmp_path, 7), Run)
+    assert (run.version, run.program, run.commit != "–") == stamp
+
+
+@pytest.mark.parametrize(("programs", "named"), [((OWN,), False), ((OTHER, OWN), True)])
+def test_the_page_names_the_programs_where_several_made_table_7(
+    tmp_path: Path, programs: tuple[str, ...], *, named: bool
+) -> None:
+    kept(tmp_path, {7: ResponseResult(sessions=(), programs=programs).as_json()})
+    page = write_page(tmp_path).read_text(encoding="utf-8")
+    assert (f"2 versions of the program: {OTHER[:12]}, {OWN[:12]}" in page) == named
+
+
+def test_without_git_a_table_is_made_once_and_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert [made(tmp_path), made(tmp_path)] == [1, 1]
+    assert read_as(run_file(tmp_path, 5), Run).commit == ""
+
+
 def test_other_hands_are_kept_apart(tmp_path: Path) -> None:
     for hands in ("1-3", "1, 2", "1-3"):
         (job,) = (one for one in jobs(None, attempts=1, hands=hands, changes=4, onnx=[]) if one.table == 7)
@@ -102,9 +141,12 @@ def test_older_figures_stay_where_no_new_ones_are_made(tmp_path: Path, status: i
 def test_a_set_without_undefined_hands_has_no_share_of_them(tmp_path: Path) -> None:
     table = figures()[3]
     table["rules"]["robust"] |= {"accepted_undefined": None, "macro_f1": None}
+    table["rules"]["robust"]["per_gesture"]["9"] |= {"f1": None, "ap": None}
     kept(tmp_path, {3: table})
     page = write_page(tmp_path).read_text(encoding="utf-8")
     assert "1.23 % by the published rules, – %" in page
+    (nine,) = re.findall(r"<tr><td>9</td>(.*?)</tr>", re.sub(r"\s*\n\s*", "", page))
+    assert nine.count("–") == 2
 
 
 @pytest.mark.parametrize("damaged", [figures_file, run_file])

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Callable, Sequence
 from enum import Enum
+from itertools import count
 from pathlib import Path
 
 import pytest
 
+from app.demo.drives import DemoFault
 from app.demo.scenario import ALL_TWELVE, Attempt, Step
 from app.demo.session import SessionResult
 from app.evaluate.harness import EvaluateFault
 from app.evaluate.loop.response import ATTEMPTS, Rounds, Watch, evaluate_response, shared, wearer
-from app.evaluate.loop.table7 import PAPER, ResponseResult, response_table
+from app.evaluate.loop.table7 import PAPER, ResponseResult, response_table, shown
 from app.ipc.messages import ActionReport
 from app.ipc.states import ACTION_OF, Action, GaitState, Source
 from app.system.config import Config
@@ -21,8 +24,9 @@ from app.system.paths import Home
 from app.text.catalogue import tr
 from kgdfa.button import PressCancel, PressHint
 from kgdfa.gesture import Gesture
-from logs.reason import reason
+from logs.reason import reason, reason_of
 from tests.app.demo.sessions import session_of
+from tests.app.evaluate.test_full_disk import full_disk
 
 MS = 1_000_000
 
@@ -168,6 +172,56 @@ def test_an_interrupted_evaluation_goes_on_from_what_is_kept(tmp_path: Path) -> 
     assert len(whole.attempts) == 12 * 16 + 3, "the round that was interrupted is made again"
     assert len(whole.programs) == 1
     assert evaluated(tmp_path, 16).as_json() == whole.as_json(), "nothing is left to make"
+
+
+LATER = [
+    KeyboardInterrupt(),
+    AppError(DemoFault.CONTROL_SILENT, limit_s=60.0),
+    OSError(errno.ENOSPC, "No space left on device"),
+]
+
+
+def evaluated_until(error: BaseException, number: int) -> ResponseResult:
+    """An evaluation of one hand whose session of this number, from 0, raises outside of its attempts."""
+    hand, begun = Hand(lambda _, __: True), count()
+
+    def run(_home: Home, _config: Config, rounds: Rounds, _watch: Watch) -> SessionResult:
+        if next(begun) == number:
+            raise error
+        return session_of(rounds.run_attempts(hand, ALL_TWELVE))
+
+    return evaluate_response(
+        Home(Path()), Config(), attempts=15, seeds=[1], click_s=(0.3, 0.3), watch=lambda _: None, run=run
+    )
+
+
+@pytest.mark.parametrize("error", LATER, ids=repr)
+def test_a_later_session_that_can_not_be_run_costs_none_of_those_before(error: BaseException) -> None:
+    result = evaluated_until(error, 2)
+    assert len(result.attempts) == 12 * 10
+    assert result.interrupted == isinstance(error, KeyboardInterrupt)
+    assert result.gave_up == (None if result.interrupted else reason_of(error))
+    assert isinstance(list(shown(result))[-1], str)
+
+
+def test_a_first_session_that_can_not_be_run_is_its_own_error() -> None:
+    with pytest.raises(AppError) as refused:
+        evaluated_until(LATER[1], 0)
+    assert refused.value.code is DemoFault.CONTROL_SILENT
+
+
+def test_a_full_disk_beneath_what_is_kept_costs_no_session(tmp_path: Path) -> None:
+    with full_disk():
+        result = evaluated(tmp_path, 1, seeds=(1,))
+    assert (len(result.attempts), result.gave_up and result.gave_up.code) == (12, "EvaluateFault.FILE_UNWRITABLE")
+
+
+def test_the_summary_of_attempts_without_one_command_has_dashes() -> None:
+    text = list(shown(result_of(attempt(Gesture.ZERO, ok=False))))[-1]
+    assert isinstance(text, str)
+    assert "success 0.00 % of 1, mean response – s" in text
+    assert "visible – s" in text
+    assert "p50 – ms, p99 – ms" in text
 
 
 def test_what_is_kept_of_other_hands_is_refused(tmp_path: Path) -> None:
