@@ -14,6 +14,7 @@ from app.control.events.table import TABLE
 from app.control.gait import table as gait_table
 from app.ipc.states import GESTURE_OF, Action, Event, Source
 from app.text.catalogue import key_of, load
+from app.text.compile import compile_catalogues
 
 DOCUMENT = Path(__file__).parent.parent / "docs" / "safety.md"
 _LATCH = {
@@ -71,11 +72,15 @@ def _line(row: Row) -> str:
 
 def _text(event: Event) -> str:
     """The wording without its values."""
-    text = re.sub(r"\{\w+:in_brackets\}", "", load("en").gettext(key_of(event)))
+    text = load("en").gettext(key_of(event))
+    if text == key_of(event):
+        sys.exit(f"{text} has no wording: add it to app/text/locales/en/LC_MESSAGES/control.po")
+    text = re.sub(r"\{\w+:in_brackets\}", "", text)
     return re.sub(r"\{\w+(:[^}]*)?\}", "…", text)
 
 
 if __name__ == "__main__":
+    compile_catalogues()
     written = DOCUMENT.read_text(encoding="utf-8")
     if "--check" in sys.argv:
         sys.exit(current(written) != written and "docs/safety.md is not current: run python tools/safety_tables.py")

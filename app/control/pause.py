@@ -11,6 +11,12 @@ from logs import records
 
 LIMIT_NS = 1_000_000_000  # paused for longer than this within WINDOW_NS: the legs are held
 WINDOW_NS = 2_000_000_000
+# At the program's start, not in the middle of a step: an event that pauses and has no member in PauseCause.
+_CAUSE_OF = {
+    event: PauseCause(event.value)  # ValueError: give it its member in PauseCause, app/ipc/states.py
+    for event, row in ROW.items()
+    if row.effect is Effect.PAUSE
+}
 
 
 def paused_too_long(tick: Tick) -> bool:
@@ -37,9 +43,8 @@ def _begin(tick: Tick, action: Action | None) -> RunningPause:
     """A tick that began late paused the legs for as long already."""
     assert action is not None
     state = tick.state
-    event = next(one.event for one in state.events if one.in_force and ROW[one.event].effect is Effect.PAUSE)
     return RunningPause(
-        cause=PauseCause(event.value),
+        cause=next(_CAUSE_OF[one.event] for one in state.events if one.in_force and one.event in _CAUSE_OF),
         began_ns=tick.now_ns - tick.inputs.late_ns,
         action=action,
         state=state.gait.state,

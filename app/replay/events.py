@@ -17,6 +17,7 @@ from app.control.diagnostics import (
     ProgramDiagnostics,
     exceeded,
 )
+from app.control.events.row import Above, Compared
 from app.control.events.table import ROW, advance, compared_fields
 from app.control.inputs import Settings
 from app.ipc.states import Event, LinkQuantity
@@ -41,38 +42,31 @@ def event_differences(record: Record, body: EventRaised, limits: JointLimits) ->
     event = Event(body.event)
     again = replace(body, effect=ROW[event].effect.name.lower())
     if body.quantity and body.value is not None and body.limit is not None:
-        raised = {one.event: one for one in advance((), _diagnostics(event, body, limits))}
-        if event in raised:
-            again = replace(again, **compared_fields(raised[event].compared))
-        else:
-            again = replace(again, event="")
+        compared = _compared_again(event, body.value, body, limits)
+        again = replace(again, event="") if compared is None else replace(again, **compared)
     yield from differences(record, again)
 
 
-# Where a row's value stands in the diagnostics; what one joint measured stands in its feedback.
+def _compared_again(event: Event, value: float, body: EventRaised, limits: JointLimits) -> dict[str, Any] | None:
+    """What the row compares, as the trail names it; None where it does not raise its event for the recorded value."""
+    condition = ROW[event].present
+    if isinstance(condition, Above):
+        return (
+            compared_fields(Compared(condition.quantity, value, condition.limit)) if value > condition.limit else None
+        )
+    raised = {one.event: one for one in advance((), _diagnostics(event, body, limits))}
+    return compared_fields(raised[event].compared) if event in raised else None
+
+
+# Where the value of a row that is more than `Above` stands in the diagnostics; a joint's stands in its feedback.
 _PLACE: dict[Event, tuple[str, str]] = {
-    Event.STOP_AGAIN: ("session", "stop_presses"),
     Event.CAMERA_STALE: ("programs", "frame_age_ms"),
     Event.PERCEPTION_TIMEOUT: ("programs", "perception_age_ms"),
-    Event.CONSOLE_TIMEOUT: ("programs", "console_age_ms"),
-    Event.AUDIT_TIMEOUT: ("programs", "audit_age_ms"),
-    Event.AUDIT_BACKLOG: ("programs", "audit_waiting"),
     Event.GUARDIAN_TIMEOUT: ("programs", "guardian_age_ms"),
-    Event.MESSAGE_REJECTED: ("programs", "rejected_messages"),
-    Event.FOREIGN_PEER: ("programs", "foreign_peers"),
     Event.TICK_LATE: ("clocks", "late_ms"),
     Event.CONTROL_LATE: ("clocks", "late_ms"),
-    Event.CONTROL_STALLED: ("clocks", "late_ms"),
-    Event.STOP_INPUTS_LATE: ("clocks", "reader_age_ms"),
-    Event.HOST_SUSPENDED: ("clocks", "slept_s"),
-    Event.CLOCK_JUMP: ("clocks", "step_s"),
     Event.JOINT_TIMEOUT: ("joints", "age_ms"),
-    Event.JOINT_SANK: ("joints", "sunk_rad"),
     Event.LEGS_MOVING: ("joints", "fastest_rad_s"),
-    Event.FAR_FROM_POSE: ("joints", "pose_error_rad"),
-    Event.FOLLOWING_WARNING: ("joints", "following_rad"),
-    Event.FOLLOWING_LIMIT: ("joints", "following_rad"),
-    Event.UNEXPECTED_MOTION: ("joints", "drift_rad_s"),
 }
 _FEEDBACK = {"angle_rad": "position_rad", "speed_rad_s": "velocity_rad_s"}  # others are named alike
 

@@ -13,6 +13,8 @@ from msgspec import Meta, Struct
 from hal.errors import HardwareError
 from hal.joints.device import BusDevice
 
+InputKind = Literal["simulated", "can", "evdev", "gpiod"]
+
 
 class InputRole(Enum):
     """Whose button it is; each has its row in control's table of events."""
@@ -27,7 +29,7 @@ class InputDevice(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
     name: Annotated[str, Meta(pattern="^[a-z0-9][a-z0-9-]{0,19}$")]  # in events and the audit trail
     role: InputRole
-    kind: Literal["simulated", "can", "evdev", "gpiod"]
+    kind: InputKind
     bus: BusDevice = BusDevice()  # can: of the module that reads the contact
     can_id: Annotated[int, Meta(ge=0, le=0x1FFF_FFFF)] | None = None
     extended: bool = False
@@ -55,7 +57,12 @@ class InputDevice(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
         return self.kind != "evdev" if self.closed is None else bool(self.closed)
 
 
-_NEEDS = {"simulated": (), "can": ("can_id",), "evdev": ("device", "key"), "gpiod": ("device", "line")}
+_NEEDS: dict[InputKind, tuple[str, ...]] = {
+    "simulated": (),
+    "can": ("can_id",),
+    "evdev": ("device", "key"),
+    "gpiod": ("device", "line"),
+}
 
 
 def check_inputs(

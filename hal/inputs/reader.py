@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 from hal.errors import HardwareError
-from hal.inputs.device import Contact, InputDevice, InputReading, InputReadings, StopInput
+from hal.inputs.device import Contact, InputDevice, InputKind, InputReading, InputReadings, StopInput
 
 READ_S = 0.005
 FIRST_ANSWER_S = 0.2
@@ -16,17 +17,39 @@ RETRY_NS = 1_000_000_000  # an input that is silent is opened again so often
 
 def make_input(device: InputDevice, folder: Path) -> StopInput:
     """The driver of its kind, not open yet; folder: the session's own, where simulated buttons are."""
-    if device.kind == "can":
-        from hal.inputs.can import CanInput
+    return _DRIVERS[device.kind](device, folder)
 
-        return CanInput(device)
-    if device.kind in {"evdev", "gpiod"}:
-        from hal.inputs.linux import EvdevInput, GpioInput
 
-        return EvdevInput(device) if device.kind == "evdev" else GpioInput(device)
+def _simulated(device: InputDevice, folder: Path) -> StopInput:
     from hal.inputs.simulated import SimulatedInput
 
     return SimulatedInput(device, folder)
+
+
+def _can(device: InputDevice, _folder: Path) -> StopInput:
+    from hal.inputs.can import CanInput
+
+    return CanInput(device)
+
+
+def _evdev(device: InputDevice, _folder: Path) -> StopInput:
+    from hal.inputs.linux import EvdevInput
+
+    return EvdevInput(device)
+
+
+def _gpiod(device: InputDevice, _folder: Path) -> StopInput:
+    from hal.inputs.linux import GpioInput
+
+    return GpioInput(device)
+
+
+_DRIVERS: dict[InputKind, Callable[[InputDevice, Path], StopInput]] = {
+    "simulated": _simulated,
+    "can": _can,
+    "evdev": _evdev,
+    "gpiod": _gpiod,
+}
 
 
 class InputReader:

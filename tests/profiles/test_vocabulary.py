@@ -20,7 +20,8 @@ VOCABULARIES = st.lists(st.sampled_from(G), unique=True, min_size=1).filter(
 
 
 def test_the_profile_names_the_twelve_as_recognition_does() -> None:
-    assert {one.name: one.value for one in GestureUsed} == {one.name: one.value for one in Gesture}
+    used = {one.name: one.value for one in GestureUsed}
+    assert used == {one.name: one.value for one in Gesture}, "GestureUsed in profiles/schema.py"
 
 
 def test_a_profile_without_a_vocabulary_commands_with_all_twelve(patient: Profile) -> None:

@@ -25,7 +25,7 @@ def in_state(state: GaitState) -> ControlSnapshot:
 def test_each_way_leads_where_control_leads(row: object) -> None:
     assert row in TABLE
     found = next(each for each in TABLE if each is row)
-    assert LEADS_TO[found.action] is (found.through or found.to)
+    assert LEADS_TO.get(found.action) is (found.through or found.to), "LEADS_TO in app/console/widgets/gait.py"
 
 
 @pytest.mark.parametrize("language", ["en", "zh"])
@@ -41,7 +41,7 @@ def test_the_map_has_every_place_once_and_lights_what_is_allowed(language: str, 
     assert f"● {tr(state)}" in text
     lit = " ".join(text for line in lines for text, style in line if style == LIT)
     for action in in_state(state).allowed:
-        assert f" {tr(GESTURE_OF[action])}" in lit
+        assert f" {tr(GESTURE_OF[action])}" in lit, "_LEFT and _RIGHT in app/console/widgets/gait.py"
     assert all(cells(text_of((line,))) <= 110 for line in lines)
 
 

@@ -9,7 +9,8 @@ import pytest
 from msgspec.structs import replace
 
 from app.control.diagnostics import Diagnostics
-from app.control.events.table import advance, effect_of
+from app.control.events.row import Above
+from app.control.events.table import TABLE, advance, effect_of
 from app.ipc.states import Effect, Event
 from app.text.catalogue import render
 from logs.reason import reason, reason_of
@@ -63,6 +64,11 @@ def with_one(quantity: str, value: object) -> Diagnostics:
 
 def beyond(limit: float) -> float:
     return limit + 1 if isinstance(limit, int) else math.nextafter(limit, math.inf)
+
+
+def test_every_row_that_is_a_limit_has_its_own_here() -> None:
+    missing = {row.event for row in TABLE if isinstance(row.present, Above)} - {event for event, *_ in LIMITS}
+    assert not missing, f"add the limit of {missing} to LIMITS in {__file__}"
 
 
 @pytest.mark.parametrize(("event", "quantity", "limit"), LIMITS)

@@ -20,12 +20,14 @@ from app.motion.follower import Mode
 from kgdfa.gesture import Gesture
 from logs import records
 from logs.reason import key_of, reason
+from tests.app.control.causes import CAUSES
 from tests.app.control.moments import HOLD_TICKS, A, K, S, moving, now, records_of, resting, standing
 from tests.app.control.rig import Rig
 from tests.app.control.test_step_stop import MOVEMENTS
 
 TICKS_PER_S = 500
 SPEED_RAD_S = Rig().settings.limits.speed_rad_s
+PAUSING = [event for event, row in ROW.items() if row.effect is Effect.PAUSE]
 
 
 def silence(rig: Rig, ticks: int) -> None:
@@ -59,10 +61,20 @@ def to_its_end(rig: Rig, watch: Callable[[Rig], None] = lambda _: None) -> Outco
 
 
 def test_what_pauses_is_only_timing_and_waits_for_no_acknowledgement() -> None:
-    pausing = {event for event, row in ROW.items() if row.effect is Effect.PAUSE}
-    assert {event.value for event in pausing} == {cause.value for cause in PauseCause}
-    assert all(ROW[event].latch is Latch.NEVER for event in pausing)
+    assert {event.value for event in PAUSING} == {cause.value for cause in PauseCause}, "PauseCause, app/ipc/states.py"
+    assert all(ROW[event].latch is Latch.NEVER for event in PAUSING)
     assert (ROW[Event.PAUSE_TOO_LONG].effect, ROW[Event.PAUSE_TOO_LONG].latch) == (Effect.HOLD, Latch.POWERED)
+
+
+@pytest.mark.parametrize("event", PAUSING)
+def test_legs_that_move_pause_for_every_event_that_pauses(event: Event) -> None:
+    rig = moving(A.WALK)
+    CAUSES[event].make(rig)
+    rig.run_until(lambda m: m.pause is not None, CAUSES[event].ticks)
+    pause = now(rig).pause
+    assert pause is not None
+    assert pause.cause.value == event.value
+    assert now(rig).effect is Effect.PAUSE
 
 
 def test_the_guardian_acts_later_than_control_gives_up() -> None:

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from app.control.gait.table import TABLE
 from app.control.running_action import VISIBLE_RAD
 from app.ipc.states import Action, GaitState
 from app.motion.plan import Patient, Phase, Plan, PlanFault, PlanRequest, decode_table, encode_array, patient_of
@@ -49,6 +50,18 @@ def ask(
     pose = nominal_pose(state, who) if start is None else start
     quad = (float(pose[0]), float(pose[1]), float(pose[2]), float(pose[3]))
     return plan(PlanRequest(number=7, action=action, phase=phase, from_state=state, start_rad=quad), who)
+
+
+def test_each_transition_of_the_gait_has_its_movement_there_and_its_start() -> None:
+    transitions = [row for row in TABLE if row.action is not Action.INITIALISE]  # which has a plan of its own
+    movements = {key: recipe.to_state for key, recipe in RECIPES.items()}
+    assert movements == {(row.action, row.phase): row.to for row in transitions}, (
+        "RECIPES in app/motion/trajectory.py, TABLE in app/control/gait/table.py"
+    )
+    begun = [row for row in transitions if row.phase is Phase.WHOLE]
+    assert [STARTS.get(row.action, GaitState.STANDING) for row in begun] == [row.source for row in begun], (
+        "STARTS in app/motion/rehearsal.py"
+    )
 
 
 @pytest.mark.parametrize(("stature", "mass"), CORNERS)

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
 import pytest
 
-from hal.cameras.camera import Camera
 from hal.cameras.digital_hand.driver import DigitalHandCamera
 from hal.cameras.digital_hand.render import lens_for
-from hal.cameras.factory import open_camera
 from tests.support import software_realsense
 
 WIDTH, HEIGHT, FRAMES = 320, 180, 8
@@ -49,19 +46,3 @@ def kept(tmp_path_factory: pytest.TempPathFactory) -> Kept:
     video.release()
     software_realsense.record(root / "hand.db3", FRAMES)
     return Kept(root / "hand.avi", folder, root / "hand.db3")
-
-
-@pytest.fixture(params=["digital hand", "video", "pictures", "realsense"])
-def make_camera(request: pytest.FixtureRequest, kept: Kept) -> Callable[[], Camera]:
-    """Builds one camera of every kind that needs no hardware."""
-
-    def built(kind: str, device: Path | str = "") -> Camera:
-        return open_camera(kind, device=str(device), width_px=WIDTH, height_px=HEIGHT, depth=True)
-
-    builders: dict[str, Callable[[], Camera]] = {
-        "digital hand": lambda: built("digital-hand"),
-        "video": lambda: built("recording", kept.video),
-        "pictures": lambda: built("recording", kept.folder),
-        "realsense": lambda: built("realsense", kept.realsense),
-    }
-    return builders[request.param]

@@ -4,15 +4,60 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple, get_args
 
 import numpy as np
 import pytest
 
+from app.system.config import CameraKind
 from hal.cameras.camera import Camera, EndOfRecording, Frame
-from hal.errors import CameraFault
+from hal.cameras.factory import open_camera
+from hal.errors import CameraFault, HardwareError
+from tests.hal.cameras.conftest import HEIGHT, WIDTH, Kept
 from tests.support.errors import refused
 
 Make = Callable[[], Camera]
+
+
+class Case(NamedTuple):
+    """One camera: its kind, what it plays, whether it gives depth, and whether it ends."""
+
+    kind: CameraKind
+    device: Callable[[Kept], Path | str] = lambda _: ""
+    depth: bool = True
+    ends: bool = True
+
+
+CASES = {
+    "digital hand": Case("digital-hand", ends=False),
+    "video": Case("recording", lambda kept: kept.video, depth=False),
+    "pictures": Case("recording", lambda kept: kept.folder, depth=False),
+    "realsense": Case("realsense", lambda kept: kept.realsense),
+}
+
+
+def test_every_kind_that_needs_no_hardware_is_held_to_it() -> None:
+    missing = set(get_args(CameraKind)) - {case.kind for case in CASES.values()} - {"webcam"}
+    assert not missing, f"nothing here runs over {missing}: add a case to CASES in {__file__}"
+
+
+def test_whoever_can_be_built_can_be_configured() -> None:
+    with pytest.raises(HardwareError) as caught:
+        open_camera("none")
+    built = set(str(caught.value.values["known"]).split(", "))
+    assert built == set(get_args(CameraKind)), "_BUILDERS in hal/cameras/factory.py, CameraKind in app/system/config.py"
+
+
+@pytest.fixture(params=CASES)
+def case(request: pytest.FixtureRequest) -> Case:
+    return CASES[request.param]
+
+
+@pytest.fixture
+def make_camera(case: Case, kept: Kept) -> Make:
+    settings = {"device": str(case.device(kept)), "width_px": WIDTH, "height_px": HEIGHT, "depth": True}
+    return lambda: open_camera(case.kind, **settings)
 
 
 @pytest.fixture
@@ -55,10 +100,10 @@ def test_captured_times_and_numbers_grow_and_are_of_this_hosts_clock(camera: Cam
     assert times[-1] <= time.monotonic_ns()
 
 
-def test_depth_is_metres_aligned_to_the_image_where_there_is_any(camera: Camera) -> None:
+def test_depth_is_metres_aligned_to_the_image_where_there_is_any(camera: Camera, case: Case) -> None:
     (frame,) = some(camera, 1)
+    assert (frame.depth_m is not None) is case.depth
     if frame.depth_m is None:
-        assert camera.name.startswith(("hand.avi", "pictures"))
         return
     assert frame.depth_m.dtype == np.float32
     assert frame.depth_m.shape == frame.image_bgr.shape[:2]
@@ -93,8 +138,8 @@ def test_it_has_a_name(camera: Camera) -> None:
     assert camera.name
 
 
-def test_a_recording_ends(camera: Camera) -> None:
-    if camera.name.startswith("digital "):
+def test_a_recording_ends(camera: Camera, case: Case) -> None:
+    if not case.ends:
         return
     some(camera, 200)
     with pytest.raises(EndOfRecording):

@@ -35,9 +35,10 @@ from hal.cameras.digital_hand.render import (
     render,
     true_depth,
 )
-from hal.cameras.digital_hand.skeleton import GESTURES, POSES, HandPlace, HandShape, joints_m, placed_m
+from hal.cameras.digital_hand.skeleton import GESTURES, LOOK_ALIKES, POSES, HandPlace, HandShape, joints_m, placed_m
 from hal.errors import CameraFault
 from kgdfa.depth import DepthRange
+from kgdfa.gesture import Gesture
 from profiles import palm as palm_calibration
 from tests.support.errors import refused
 from tests.support.known_hands import known_hand
@@ -51,6 +52,12 @@ poses = st.sampled_from(sorted(POSES))
 
 def hand_at(start_ns: int = 0) -> DigitalHandCamera:
     return DigitalHandCamera(seed=1, lens=LENS, clock_ns=lambda: start_ns)
+
+
+def test_each_gesture_has_its_pose_and_no_two_poses_have_one_name() -> None:
+    in_file = "hal/cameras/digital_hand/skeleton.py"
+    assert [pose.name for pose in GESTURES] == [gesture.value for gesture in Gesture], f"GESTURES in {in_file}"
+    assert len(POSES) == len(GESTURES) + len(LOOK_ALIKES), f"a name of GESTURES and of LOOK_ALIKES in {in_file}"
 
 
 @given(palm=palms, left=st.booleans(), pose=poses, turn=turns)

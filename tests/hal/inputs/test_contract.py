@@ -2,19 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import get_args
 
 import pytest
 
 from hal.errors import HardwareError
-from hal.inputs.device import Contact
+from hal.inputs.device import Contact, InputKind
 from tests.hal.inputs.fakes import MS, FakeContact, FakeLine, FakeModule, FakePedal, SimulatedContact
 
+FAKES: dict[str, Callable[[Path], FakeContact]] = {
+    "simulated": SimulatedContact,
+    "can": FakeModule,
+    "evdev": FakePedal,
+    "gpiod": FakeLine,
+    "gpiod, closed at 0": lambda path: FakeLine(path, closed=0),
+}
 
-@pytest.fixture(params=[SimulatedContact, FakeModule, FakePedal, FakeLine, lambda path: FakeLine(path, closed=0)])
+
+def test_every_kind_is_held_to_it() -> None:
+    missing = set(get_args(InputKind)) - set(FAKES)
+    assert not missing, f"nothing here runs over {missing}: add its fake to FAKES in {__file__}"
+
+
+@pytest.fixture(params=FAKES)
 def fake(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[FakeContact]:
-    made: FakeContact = request.param(tmp_path)
+    made = FAKES[request.param](tmp_path)
     made.input.open(1_000 * MS)
     yield made
     made.input.close()

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
+import msgspec
 import pytest
 
 from hal.errors import HardwareError, StopInputFault
-from hal.inputs.device import Contact, InputDevice, InputRole
-from hal.inputs.reader import RETRY_NS, InputReader
+from hal.inputs.can import CanInput
+from hal.inputs.device import Contact, InputDevice, InputKind, InputRole
+from hal.inputs.linux import EvdevInput, GpioInput
+from hal.inputs.reader import RETRY_NS, InputReader, make_input
 from hal.inputs.simulated import SimulatedInput, set_simulated
 from hal.joints.device import BusDevice
 from tests.hal.inputs.fakes import MS
@@ -54,6 +57,28 @@ def test_the_reader_reads_by_itself_until_it_is_closed(tmp_path: Path) -> None:
         time.sleep(0.001)
     reader.close()
     assert not reader._thread.is_alive()
+
+
+DRIVER_OF = {"simulated": SimulatedInput, "can": CanInput, "evdev": EvdevInput, "gpiod": GpioInput}
+
+
+def described(kind: InputKind) -> InputDevice:
+    """With whatever any kind needs."""
+    return InputDevice(
+        name="pendant", role=InputRole.WEARER, kind=kind, can_id=1, device="/dev/none", key="KEY_B", line=1
+    )
+
+
+@pytest.mark.parametrize("kind", get_args(InputKind))
+def test_each_kind_gets_its_own_driver(kind: InputKind, tmp_path: Path) -> None:
+    assert type(make_input(described(kind), tmp_path)) is DRIVER_OF[kind]
+
+
+def test_a_kind_without_a_driver_is_none_and_least_of_all_a_button_that_reads_closed(tmp_path: Path) -> None:
+    device = described("can")
+    msgspec.structs.force_setattr(device, "kind", "new")
+    with pytest.raises(KeyError, match="new"):
+        make_input(device, tmp_path)
 
 
 @pytest.mark.parametrize(
