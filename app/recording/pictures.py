@@ -13,7 +13,7 @@ from app.audit.sink import AuditSink
 from app.ipc.recording import Picture
 from app.recording import schemas
 from app.recording.schemas import CompressedImage, time_of
-from app.recording.writer import RETRY_NS, RecordingFault, RecordingWriter, file_record
+from app.recording.writer import RETRY_NS, RecorderFault, RecordingWriter, file_record
 from app.system.paths import pictures_path
 from logs.disk import FLOOR_BYTES
 from logs.reading.errors import cause_of
@@ -116,7 +116,7 @@ class PicturesFile:
                     key=self._key,
                 )
             except OSError as error:
-                self._fault = reason(RecordingFault.DISK, detail=cause_of(error))
+                self._fault = reason(RecorderFault.DISK, detail=cause_of(error))
         return self.writer
 
     def _delete(self) -> None:
@@ -126,7 +126,7 @@ class PicturesFile:
         try:
             self.path.unlink(missing_ok=True)
         except OSError as error:
-            writer.fault = reason(RecordingFault.DISK, detail=cause_of(error))
+            writer.fault = reason(RecorderFault.DISK, detail=cause_of(error))
             return
         self.writer, self._must_delete = None, False
         writer.abandon()

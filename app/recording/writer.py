@@ -38,7 +38,7 @@ LOST = "rleex.lost"  # by topic; there only in a file that was finished
 SOURCE = "rleex.source"  # damage; there only in a copy of a file that was cut or damaged
 
 
-class RecordingFault(Enum):
+class RecorderFault(Enum):
     """Why a recording is not whole."""
 
     DISK = auto()  # detail
@@ -149,7 +149,7 @@ class RecordingWriter:
         if self._pending and now_ns >= self._retry_ns and not self._write():
             self._retry_ns = now_ns + RETRY_NS
         if len(self._pending) > self._most_pending and self.fault is None:
-            self.fault = reason(RecordingFault.SLOW, waiting_bytes=len(self._pending))
+            self.fault = reason(RecorderFault.SLOW, waiting_bytes=len(self._pending))
         if now_ns - self._sync_ns >= SYNC_NS:
             self._sync_ns = now_ns
             self._sync()
@@ -194,11 +194,11 @@ class RecordingWriter:
         try:
             free_bytes = self._free_bytes(self.path.parent)
         except OSError as error:
-            self.fault = reason(RecordingFault.DISK, detail=error.strerror or str(error))
+            self.fault = reason(RecorderFault.DISK, detail=error.strerror or str(error))
             return
         self._low = free_bytes < self._floor_bytes
         if self._low:
-            self.fault = reason(RecordingFault.DISK_LOW, free_bytes=free_bytes)
+            self.fault = reason(RecorderFault.DISK_LOW, free_bytes=free_bytes)
 
     def _write(self) -> bool:
         try:
@@ -208,7 +208,7 @@ class RecordingWriter:
                 self._at += taken
                 del self._pending[:taken]
         except OSError as error:
-            self.fault = reason(RecordingFault.DISK, detail=error.strerror or str(error))
+            self.fault = reason(RecorderFault.DISK, detail=error.strerror or str(error))
             return False
         return True
 
@@ -216,7 +216,7 @@ class RecordingWriter:
         try:
             self._disk.sync(self._handle)
         except OSError as error:
-            self.fault = reason(RecordingFault.DISK, detail=error.strerror or str(error))
+            self.fault = reason(RecorderFault.DISK, detail=error.strerror or str(error))
 
 
 def file_record(writer: RecordingWriter, *, whole: bool) -> RecordingFile:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import ast
 import re
 import string
+from collections import Counter
+from collections.abc import Iterator
 from enum import Enum
 from pathlib import Path
 
@@ -72,20 +74,30 @@ DYNAMIC = set(re.findall(r"""f["']([a-z0-9_.-]+\.)\{""", "\n".join(SOURCES))) | 
     "unlock.",
     "take_over.",
 }
-FORMER = {"PressCancel": {"WITHDRAWAL_UNSEEN"}}  # only trails of earlier programs hold them
+# Only trails of earlier programs hold them.
+FORMER = {"PressCancel": {"WITHDRAWAL_UNSEEN"}, "RecordingFault": {"DISK", "DISK_LOW", "SLOW"}}
+
+
+def enums() -> Iterator[tuple[str, set[str]]]:
+    """Name and members of every Enum of the product."""
+    for source in SOURCES:
+        for node in ast.walk(ast.parse(source)):
+            if isinstance(node, ast.ClassDef) and any("Enum" in ast.unparse(base) for base in node.bases):
+                names = [name for line in node.body if isinstance(line, ast.Assign) for name in line.targets]
+                yield node.name, {name.id for name in names if isinstance(name, ast.Name) and name.id.isupper()}
 
 
 def enum_members() -> dict[str, set[str]]:
     """The members of every Enum of the product, by its name."""
     found: dict[str, set[str]] = {}
-    for source in SOURCES:
-        for node in ast.walk(ast.parse(source)):
-            if isinstance(node, ast.ClassDef) and any("Enum" in ast.unparse(base) for base in node.bases):
-                names = [name for line in node.body if isinstance(line, ast.Assign) for name in line.targets]
-                found.setdefault(node.name, set()).update(
-                    name.id for name in names if isinstance(name, ast.Name) and name.id.isupper()
-                )
+    for name, members in enums():
+        found.setdefault(name, set()).update(members)
     return found
+
+
+def test_no_wording_is_that_of_two_enums() -> None:
+    keys = Counter(f"{name}.{member}" for name, members in enums() for member in members)
+    assert {key for key, count in keys.items() if count > 1 and key in entries("en")} == set(), "rename an Enum"
 
 
 def test_an_enum_that_has_text_has_it_for_each_member_and_no_other() -> None:

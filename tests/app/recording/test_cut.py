@@ -18,7 +18,7 @@ from app.recording import schemas
 from app.recording.encryption import load_or_make_secret
 from app.recording.read import Recording, RecordingReadFault, messages, survey
 from app.recording.schemas import FootContact, Topic
-from app.recording.writer import LIBRARY, MOST_PENDING, PROFILE, VERSION, RecordingFault, RecordingWriter
+from app.recording.writer import LIBRARY, MOST_PENDING, PROFILE, VERSION, RecorderFault, RecordingWriter
 from app.system.errors import AppError
 from logs.disk import Disk
 
@@ -184,7 +184,7 @@ def test_a_disk_that_fills_and_is_freed_leaves_a_whole_file(tmp_path: Path) -> N
     found = survey(writer.path)
     assert found.counts[TOPIC.name] == writer.written[TOPIC.name] == 20 * PER_CHUNK
     assert writer.fault is not None
-    assert writer.fault.code == f"RecordingFault.{RecordingFault.DISK.name}"
+    assert writer.fault.code == f"RecorderFault.{RecorderFault.DISK.name}"
 
 
 def test_a_disk_that_stays_full_costs_messages_that_are_counted(tmp_path: Path) -> None:
