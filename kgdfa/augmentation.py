@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 
 from kgdfa.hand import FloatArray, Hand
-from kgdfa.preprocess import Image, as_bgr8, brighten
+from kgdfa.preprocess import Image, as_bgr8, brighten, reduced
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,14 +61,16 @@ class StillDetector(Protocol):
 
 
 def augment(image_bgr: Image, augmentation: Augmentation) -> tuple[Image, FloatArray]:
-    """The augmented image, and the (2, 3) affine map from the image's pixels to its."""
-    image = brighten(image_bgr) if augmentation.brightened else image_bgr
+    """The augmented image, and the (2, 3) affine map from the image's pixels to its. A large image is reduced first."""
+    image = reduced(image_bgr)
+    reduction = max(image.shape[:2]) / max(image_bgr.shape[:2])
+    image = brighten(image) if augmentation.brightened else image
     border = round(augmentation.border * max(image.shape[:2]))
     image = np.asarray(cv2.copyMakeBorder(image, border, border, border, border, cv2.BORDER_REPLICATE))
     scale = augmentation.size_px / max(image.shape[:2])
     smoothing = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
     image = np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=smoothing))
-    transform = np.array([[scale, 0, scale * border], [0, scale, scale * border]])
+    transform = np.array([[scale * reduction, 0, scale * border], [0, scale * reduction, scale * border]])
     height, width = image.shape[:2]
     if augmentation.turn_deg:
         turn = cv2.getRotationMatrix2D((width / 2, height / 2), augmentation.turn_deg, 1)

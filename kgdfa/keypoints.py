@@ -10,10 +10,9 @@ from __future__ import annotations
 
 import os
 import sys
+import threading
 import weakref
-from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -226,7 +225,7 @@ def _load(model: Path, mode: Any, hands: int, min_detection: float, min_presence
     )
     blank = _as_mediapipe(np.zeros((64, 64, 3), np.uint8))
     try:
-        with _silence_stderr():
+        with SILENCE:
             landmarker = HandLandmarker.create_from_options(options)
             # The first detection prints more and is slow: make it here.
             landmarker.detect(blank) if mode is RunningMode.IMAGE else landmarker.detect_for_video(blank, -1)
@@ -235,16 +234,36 @@ def _load(model: Path, mode: Any, hands: int, min_detection: float, min_presence
     return landmarker
 
 
-@contextmanager
-def _silence_stderr() -> Iterator[None]:
-    """MediaPipe's C++ logs to file descriptor 2 whatever one asks of it, across the console's screen."""
-    sys.stderr.flush()
-    kept = os.dup(2)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 2)
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)
+class Silence:
+    """Nothing leaves the process by file descriptor 2 while any thread is within.
+
+    MediaPipe's C++ logs there whatever one asks of it, across the console's screen. The descriptor is the process's:
+    threads that each kept and restored it would restore what another one had put there.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._within = 0
+        self._kept = -1
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if self._within == 0:
+                sys.stderr.flush()
+                nowhere = os.open(os.devnull, os.O_WRONLY)
+                self._kept = os.dup(2)
+                os.dup2(nowhere, 2)
+                os.close(nowhere)
+            self._within += 1
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with self._lock:
+            self._within -= 1
+            if self._within == 0:
+                os.dup2(self._kept, 2)
+                os.close(self._kept)
+
+
+SILENCE = Silence()

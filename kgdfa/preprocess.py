@@ -12,6 +12,9 @@ from numpy.typing import NDArray
 from kgdfa.errors import KgdfaError, KgdfaFault
 
 Image = NDArray[np.uint8]
+# Of a photo that is augmented as it is, and of a camera's frame. With its border a phone's photo of 12 megapixels takes
+# 0.8 GB in every thread, for views of 768 pixels at most.
+LARGEST_SIDE_PX = 1280
 
 
 def as_bgr8(image: NDArray[Any]) -> Image:
@@ -31,6 +34,16 @@ def as_bgr8(image: NDArray[Any]) -> Image:
     if conversion is None:
         return np.asarray(eight_bit, dtype=np.uint8)
     return np.asarray(cv2.cvtColor(eight_bit, conversion), dtype=np.uint8)
+
+
+def reduced(image_bgr: Image) -> Image:
+    """An image with more than LARGEST_SIDE_PX on its longer side made smaller, to that; any other one as it is."""
+    sides = image_bgr.shape[1::-1]
+    scale = LARGEST_SIDE_PX / max(sides)
+    if scale >= 1:
+        return image_bgr
+    width, height = (max(1, round(side * scale)) for side in sides)
+    return np.asarray(cv2.resize(image_bgr, (width, height), interpolation=cv2.INTER_AREA), dtype=np.uint8)
 
 
 _TO_BGR = {1: cv2.COLOR_GRAY2BGR, 3: None, 4: cv2.COLOR_BGRA2BGR}

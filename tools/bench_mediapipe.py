@@ -22,7 +22,7 @@ import numpy as np
 from mediapipe.tasks.python import BaseOptions
 from mediapipe.tasks.python.vision import HandLandmarker, HandLandmarkerOptions, RunningMode
 
-from app.evaluate.loop.speed import frames_for_speed
+from app.evaluate.loop.frames import frames_for_speed
 from app.system.config import load_config
 from app.system.hand_model import find_model
 from app.system.paths import find_home
@@ -58,7 +58,8 @@ def main() -> None:
     """A line for each way."""
     home = find_home(None)
     model = find_model(home, load_config(home.config)).read_bytes()
-    images, *_ = frames_for_speed(Path(sys.argv[1]) if len(sys.argv) > 1 else None, FRAMES)
+    with frames_for_speed(Path(sys.argv[1]) if len(sys.argv) > 1 else None, FRAMES) as recorded:
+        images = recorded.images()
     cores = os.sched_getaffinity(0)
     reference: list[FloatArray | None] = []
     print("way           CPU ms  of it image  keypoints differ by")

@@ -24,7 +24,7 @@ from hal.cameras.playback import decode_image, frame_period_ns, open_video
 from kgdfa.errors import KgdfaError
 from kgdfa.gesture import GESTURE_NAMED, Gesture
 from kgdfa.hand import Hand
-from kgdfa.preprocess import Image, as_bgr8
+from kgdfa.preprocess import Image, as_bgr8, reduced
 from logs.reading.errors import cause_of
 from logs.reading.regular import read_text
 from logs.reason import Reason, reason, reason_of
@@ -41,6 +41,7 @@ _IMAGE_COLUMNS = ("path", "label", "source", "group")
 _VIDEO_COLUMNS = ("frame", "label")
 UPRIGHT = cv2.IMREAD_ANYCOLOR | cv2.IMREAD_ANYDEPTH  # IMREAD_UNCHANGED leaves a phone's photos as its sensor lay
 _PALM_WIDTH_M = 0.0825  # between the two populations' means; gestures don't depend on it, only where a press is
+NO_MEMORY = (cv2.error, MemoryError)  # what OpenCV and NumPy raise where an image takes more than there is
 Item = TypeVar("Item")
 GESTURE_NAMES = tuple(gesture.value for gesture in Gesture)
 
@@ -141,23 +142,30 @@ def read_image(labelled: LabelledImage, directory: Path) -> Image | Reason:
     """A listed image, or why it can't be used: an error to be counted, not an exception."""
     image = decode_image(directory / labelled.path, UPRIGHT)
     if image is None:
-        return reason(EvaluateFault.IMAGE_UNREADABLE, file=labelled.path)
+        return unreadable_image(labelled)
     try:
         return as_bgr8(image)
     except KgdfaError as error:
         return reason_of(error)
+    except NO_MEMORY:
+        return unreadable_image(labelled)
+
+
+def unreadable_image(labelled: LabelledImage) -> Reason:
+    """Why a listed image can't be used, where nothing more is known."""
+    return reason(EvaluateFault.IMAGE_UNREADABLE, file=labelled.path)
 
 
 def read_images(
     images: Iterable[LabelledImage], directory: Path, unreadable: dict[str, Reason]
 ) -> Iterator[tuple[LabelledImage, Image]]:
-    """The images that can be read; the others are added to `unreadable`, by their paths."""
+    """The images that can be read, reduced; the others are added to `unreadable`, by their paths."""
     for labelled in images:
         image = read_image(labelled, directory)
         if isinstance(image, Reason):
             unreadable[labelled.path] = image
         else:
-            yield labelled, image
+            yield labelled, reduced(image)
 
 
 def read_frames(where: Path, columns: Sequence[str] = GESTURE_COLUMNS) -> list[LabelledFrame]:

@@ -1,5 +1,8 @@
 from __future__ import annotations
 
+import tracemalloc
+
+import cv2
 import numpy as np
 import pytest
 
@@ -13,7 +16,7 @@ from kgdfa.augmentation import (
 )
 from kgdfa.errors import KgdfaError, KgdfaFault
 from kgdfa.hand import Hand, Side
-from kgdfa.preprocess import Image, as_bgr8
+from kgdfa.preprocess import LARGEST_SIDE_PX, Image, as_bgr8, brighten, reduced
 from tests.kgdfa.hands import drawn_hand
 
 
@@ -95,3 +98,54 @@ def test_a_view_has_its_stated_size() -> None:
     shown, transform = augment(spotted(), Augmentation(border=0.5, size_px=300))
     assert max(shown.shape[:2]) == 300
     assert transform.shape == (2, 3)
+
+
+def augmented_whole(image: Image, augmentation: Augmentation) -> Image:
+    """Border first, at the image's own size: what every photo went through before large ones were reduced."""
+    image = brighten(image) if augmentation.brightened else image
+    border = round(augmentation.border * max(image.shape[:2]))
+    image = np.asarray(cv2.copyMakeBorder(image, border, border, border, border, cv2.BORDER_REPLICATE))
+    scale = augmentation.size_px / max(image.shape[:2])
+    smoothing = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+    image = np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=smoothing))
+    height, width = image.shape[:2]
+    if augmentation.turn_deg:
+        turn = cv2.getRotationMatrix2D((width / 2, height / 2), augmentation.turn_deg, 1)
+        image = np.asarray(cv2.warpAffine(image, turn, (width, height), borderMode=cv2.BORDER_REPLICATE))
+    return image[:, ::-1] if augmentation.mirrored else image
+
+
+@pytest.mark.parametrize("shape", [(90, 64, 3), (720, 1280, 3), (1280, 961, 3)])
+def test_photos_of_up_to_1280_pixels_are_augmented_as_they_always_were(shape: tuple[int, ...]) -> None:
+    image = np.random.default_rng(1).integers(0, 256, shape, dtype=np.uint8)
+    assert reduced(image) is image
+    for augmentation in (*AUGMENTATIONS, *FALLBACK_AUGMENTATIONS):
+        shown, transform = augment(image, augmentation)
+        np.testing.assert_array_equal(shown, augmented_whole(image, augmentation))
+        scale = augmentation.size_px / (max(shape) + 2 * round(augmentation.border * max(shape)))
+        assert abs(np.linalg.det(transform[:, :2])) == pytest.approx(scale**2, rel=1e-12)
+
+
+@pytest.mark.parametrize("augmentation", [*AUGMENTATIONS, *FALLBACK_AUGMENTATIONS], ids=str)
+def test_what_is_found_in_a_reduced_photo_is_reported_on_the_photo_itself(augmentation: Augmentation) -> None:
+    large = np.asarray(cv2.resize(spotted(), None, fx=15, fy=15, interpolation=cv2.INTER_NEAREST), np.uint8)
+    hand = detect_augmented(SpotDetector(), large, augmentation)
+    assert hand is not None
+    assert hand.image_px[0] == pytest.approx((53 * 15, 83 * 15), abs=4 * 15)
+
+
+def test_a_reduced_photo_keeps_its_shape() -> None:
+    assert reduced(np.zeros((3000, 4000, 3), np.uint8)).shape == (960, LARGEST_SIDE_PX, 3)
+    assert reduced(np.zeros((1, 1_000_000, 3), np.uint8)).shape == (1, LARGEST_SIDE_PX, 3)
+
+
+@pytest.mark.parametrize("shape", [(3024, 4032, 3), (1_000_000, 1, 3)])
+def test_a_large_photo_takes_no_more_memory_than_a_small_one(shape: tuple[int, ...]) -> None:
+    photo = np.zeros(shape, np.uint8)
+    tracemalloc.start()
+    try:
+        for augmentation in (*AUGMENTATIONS, *FALLBACK_AUGMENTATIONS):
+            augment(photo, augmentation)
+        assert tracemalloc.get_traced_memory()[1] < 100e6, "bytes"
+    finally:
+        tracemalloc.stop()

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
+from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +13,7 @@ import pytest
 from app.evaluate.digital import Moment, PoolDetector, held, take
 from hal.cameras.digital_hand.render import lens_for, person_of
 from kgdfa.hand import FloatArray
-from kgdfa.keypoints import live_detector
+from kgdfa.keypoints import SILENCE, live_detector
 
 PERSON, LENS = person_of(4711), lens_for(1280, 720)
 
@@ -38,3 +40,15 @@ def test_after_a_reset_it_detects_as_one_that_has_seen_nothing(hand_model: Path,
         after = keypoints_px(used, wanted)
     for ours, theirs in zip(after, fresh, strict=True):
         np.testing.assert_array_equal(ours, theirs)
+
+
+def test_standard_error_is_as_before_after_detectors_were_loaded_side_by_side() -> None:
+    """In the order of two threads: each enters, then each leaves."""
+    before, first, second = os.fstat(2), ExitStack(), ExitStack()
+    first.enter_context(SILENCE)
+    second.enter_context(SILENCE)
+    assert os.path.samestat(os.fstat(2), Path(os.devnull).stat())
+    first.close()
+    assert os.path.samestat(os.fstat(2), Path(os.devnull).stat()), "the second still loads"
+    second.close()
+    assert os.path.samestat(os.fstat(2), before)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import chain
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -34,12 +35,12 @@ from app.system.errors import AppError
 from app.text.catalogue import tr
 from hal.cameras.digital_hand.skeleton import POSES
 from kgdfa.gesture import RuleSet
-from kgdfa.preprocess import Prepare, as_bgr8, find_preparation
+from kgdfa.preprocess import Image, Prepare, as_bgr8, find_preparation
 from kgdfa.published import PublishedRules
 from kgdfa.robust import RobustRules
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from app.evaluate.digital import LabelledScene
     from app.evaluate.gestures.joint_space import Errors
@@ -239,18 +240,21 @@ def finding(
     from app.evaluate.gestures import redetection
     from kgdfa.keypoints import HandDetector
 
-    total, empty = digital * len(POSES), redetection.empty_rooms(digital, first_seed)
+    total, rooms = digital * len(POSES), redetection.empty_rooms(digital, first_seed)
     unreadable: dict[str, Reason] = {}
-    if directory is not None:
-        empty += redetection.images_without_hand(read_labels(directory), directory, unreadable)
+    listed = [] if directory is None else read_labels(directory)
+
+    def empty() -> Iterator[Image]:
+        return chain(rooms, redetection.images_without_hand(listed, directory or Path(), unreadable))
+
     with progress("detecting", total) as step, HandDetector(hand_model(home), still=True) as detector:
         missed = redetection.missed_hands(detector, digital, first_seed, step)
-        measured = redetection.measure_redetection(detector, missed, empty)
+        measured = redetection.measure_redetection(detector, missed, empty())
         near = redetection.near_hands(digital, first_seed)
-        measured_near = redetection.measure_near(detector, near, empty)
+        measured_near = redetection.measure_near(detector, near, empty())
     show(
-        redetection.redetection_table("redetection", measured, total=total, missed=len(missed), empty=len(empty)),
-        redetection.redetection_table("redetection.near", measured_near, total=len(near), empty=len(empty)),
+        redetection.redetection_table("redetection", measured, total=total, missed=len(missed)),
+        redetection.redetection_table("redetection.near", measured_near, total=len(near)),
         *unreadable_lines(unreadable),
     )
 

@@ -52,30 +52,32 @@ def speed(
 ) -> None:
     """Table 4: the whole pipeline's speed beside bare MediaPipe's and other detectors' on the same frames."""
     from app.evaluate.loop import speed as timing
+    from app.evaluate.loop.frames import frames_for_speed
 
     if onnx:
         require_extra("evaluate", "onnx", "onnxruntime")
 
     model = hand_model(home)
-    images, focal_px, unreadable = timing.frames_for_speed(directory, frames)
-    with progress("timing", len(images) + min(timing.WARM_UP, len(images))) as step:
-        figures = timing.measure_speed(images, model, focal_px=focal_px, onnx=onnx or [], step=step)
-    height, width = images[0].shape[:2]
-    parts: list[Table | str] = [
-        timing.speed_table(figures, width, height),
-        tr("evaluate.speed.summary", **msgspec.to_builtins(figures)),
-        timing.detectors_table(figures),
-        *(tr("evaluate.speed.unreadable", file=path) for path in unreadable),
-    ]
-    offline = []
-    with shown_after(parts):
-        for count in timing.worker_counts(workers):
-            with status_line() as status:
-                status(tr("evaluate.progress.processes", count=count))
-                offline.append(timing.measure_throughput(directory, frames, model, count))
-            parts.append(tr("evaluate.speed.offline", workers=count, fps=offline[-1].fps))
-        made = {"unreadable": [*map(str, unreadable)], "offline": msgspec.to_builtins(offline)}
-        write_json(msgspec.to_builtins(figures) | made, json_file)
+    with frames_for_speed(directory, frames) as recorded:
+        images = recorded.images()
+        with progress("timing", len(images) + min(timing.WARM_UP, len(images))) as step:
+            figures = timing.measure_speed(images, model, focal_px=recorded.focal_px, onnx=onnx or [], step=step)
+        height, width = images[0].shape[:2]
+        parts: list[Table | str] = [
+            timing.speed_table(figures, width, height),
+            tr("evaluate.speed.summary", **msgspec.to_builtins(figures)),
+            timing.detectors_table(figures),
+            *(tr("evaluate.speed.unreadable", file=path) for path in recorded.unreadable),
+        ]
+        offline = []
+        with shown_after(parts):
+            for count in timing.worker_counts(workers):
+                with status_line() as status:
+                    status(tr("evaluate.progress.processes", count=count))
+                    offline.append(timing.measure_throughput(recorded, model, count))
+                parts.append(tr("evaluate.speed.offline", workers=count, fps=offline[-1].fps))
+            made = {"unreadable": [*map(str, recorded.unreadable)], "offline": msgspec.to_builtins(offline)}
+            write_json(msgspec.to_builtins(figures) | made, json_file)
 
 
 @cli.command()

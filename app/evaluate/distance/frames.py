@@ -12,9 +12,10 @@ import cv2
 import numpy as np
 from rich.table import Table
 
-from app.evaluate.harness import FRAME_NS, Step, decimals, decorate, figure, percent, table
+from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, decimals, decorate, figure, percent, table
 from app.evaluate.readings import LabelledFrame
 from app.perception.pipeline import RANGES
+from app.system.errors import AppError
 from app.text.catalogue import tr
 from hal.cameras.playback import decode_image
 from kgdfa.distance import Distance, RangeFinder
@@ -118,7 +119,10 @@ class FramesResult:
 
 
 def measure_frames(frames: Sequence[LabelledFrame], detector: HandDetector, step: Step) -> FramesResult:
-    """Run both finders over the frames, in order, at 30 a second. `step` is called after each."""
+    """Run both finders over the frames, in order, at 30 a second. `step` is called after each.
+
+    Raises AppError where no frame can be read.
+    """
     finders: dict[str, RangeFinder] = {}
     measured: dict[str, list[Distance | None]] = {name: [] for name in RANGES}
     unreadable = []
@@ -138,6 +142,8 @@ def measure_frames(frames: Sequence[LabelledFrame], detector: HandDetector, step
         for name, finder in finders.items():
             measured[name].append(finder.measure(hands[0], number * FRAME_NS) if hands else None)
         step()
+    if len(unreadable) == len(frames):
+        raise AppError(EvaluateFault.IMAGE_UNREADABLE, file=frames[0].path)
     return FramesResult(
         true_m=np.array([frame.distance_m for frame in frames]),
         shown_m={name: values(rows, "shown_m") for name, rows in measured.items()},

@@ -19,7 +19,7 @@ from rich.table import Table
 
 from app.evaluate.digital import Moment, PoolDetector, held, map_pool, take, tilted, walk
 from app.evaluate.distance.frames import COLUMNS, STYLES, DistanceFigures, figures, values
-from app.evaluate.harness import DISTANCES_CM, MODES, Step, decimals, decorate, figure, percent, table
+from app.evaluate.harness import DISTANCES_CM, MODES, Step, decimals, decorate, figure, mean, percent, table
 from app.evaluate.readings import GESTURE_NAMES
 from app.text.catalogue import tr
 from hal.cameras.camera import Intrinsics
@@ -61,7 +61,7 @@ class Table5Row:
     mono_percent: dict[str, float]
     worst_percent: float
     depth_percent: dict[str, float]
-    depth_zero: float  # share of frames in which the depth map has 0 at keypoint 21
+    depth_zero: float | None  # share of frames with a hand in which the depth map has 0 at keypoint 21
 
     def as_json(self) -> dict[str, Any]:
         """As `--json` writes it; None where nothing was measured."""
@@ -71,7 +71,7 @@ class Table5Row:
             "monocular": {name: _number(value) for name, value in self.mono_percent.items()},
             "monocular_worst_hand": _number(self.worst_percent),
             "d435i": {name: _number(value) for name, value in self.depth_percent.items()},
-            "d435i_zero_share": round(self.depth_zero, 3),
+            "d435i_zero_share": None if self.depth_zero is None else round(self.depth_zero, 3),
             "paper": {"monocular": paper, "d435i": paper_depth},
         }
 
@@ -203,7 +203,7 @@ class _Held:
 
     mono: dict[str, FloatArray]
     depth: dict[str, FloatArray]
-    zero: float
+    zero: float | None  # None: the hand was found in no frame
 
 
 def _facing(detector: PoolDetector, subject: Subject) -> dict[int, _Held]:
@@ -228,7 +228,7 @@ def _facing(detector: PoolDetector, subject: Subject) -> dict[int, _Held]:
         found[cm] = _Held(
             mono={name: _errors(row, moments) for name, row in mono.items()},
             depth={name: _errors(row, moments) for name, row in depth.items()},
-            zero=float(np.mean(zeros)) if zeros else 0.0,
+            zero=mean(zeros),
         )
     return found
 
@@ -277,7 +277,7 @@ def _row(cm: int, hands: list[_Held]) -> Table5Row:
         mono_percent={name: _mean(np.concatenate([one.mono[name] for one in hands])) for name in MODES},
         worst_percent=max(each, key=lambda percent: -1.0 if math.isnan(percent) else abs(percent)),
         depth_percent={name: _mean(np.concatenate([one.depth[name] for one in hands])) for name in MODES},
-        depth_zero=float(np.mean([one.zero for one in hands])),
+        depth_zero=mean(one.zero for one in hands if one.zero is not None),
     )
 
 
@@ -318,7 +318,7 @@ def _table_5(result: Table5) -> Table:
         errors = (paper, mono["published"], mono["robust"], row.worst_percent, paper_depth)
         both = (depth["published"], depth["robust"])
         signed = (decimals(error, "+.1f") for error in (*errors, *both))
-        rows.append((row.distance_cm, *signed, f"{100 * row.depth_zero:.0f} %"))
+        rows.append((row.distance_cm, *signed, percent(row.depth_zero, 0)))
     columns = "cm paper published robust worst_hand d435i_paper published robust zeros"
     caption = "distance.zeros"
     return table(

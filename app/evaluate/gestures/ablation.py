@@ -20,8 +20,9 @@ from rich.table import Table
 from app.evaluate.digital import digital_scenes, image_of_scene
 from app.evaluate.gestures.images import classify_image, robust_classifier
 from app.evaluate.gestures.measures import NONE, Classified
-from app.evaluate.harness import Step, mean, percent, table
+from app.evaluate.harness import EvaluateFault, Step, mean, percent, table
 from app.evaluate.readings import NO_HAND, DetectedImage, LabelledImage, read_images
+from app.system.errors import AppError
 from app.text.catalogue import tr
 from kgdfa.augmentation import AUGMENTATIONS, Augmentation, StillDetector, detect_augmented
 from kgdfa.preprocess import PREPARATIONS, Image
@@ -98,9 +99,16 @@ DEGRADATIONS: dict[str, Degradation] = {"none": _as_it_is, "dark": _dark, "noise
 def photos(
     images: Sequence[LabelledImage], directory: Path, unreadable: dict[str, Reason]
 ) -> Iterator[tuple[LabelledImage, Image, Augmentation]]:
-    """Image files that can be read, and the view to take; the others are added to `unreadable`."""
+    """Image files that can be read, and the view to take; the others are added to `unreadable`.
+
+    Raises AppError at the end where none can be read.
+    """
+    any_read = False
     for labelled, image in read_images(images, directory, unreadable):
+        any_read = True
         yield labelled, image, AUGMENTATIONS[0]
+    if not any_read:
+        raise AppError(EvaluateFault.IMAGE_UNREADABLE, file=images[0].path)
 
 
 def digital_images(per_pose: int, first_seed: int) -> Iterator[tuple[LabelledImage, Image, Augmentation]]:

@@ -17,7 +17,15 @@ from numpy.typing import NDArray
 
 from app.evaluate.gestures.measures import Classified
 from app.evaluate.harness import EvaluateFault, Step, write_whole
-from app.evaluate.readings import GESTURE_NAMES, UNPREPARED, DetectedImage, LabelledImage, read_image
+from app.evaluate.readings import (
+    GESTURE_NAMES,
+    NO_MEMORY,
+    UNPREPARED,
+    DetectedImage,
+    LabelledImage,
+    read_image,
+    unreadable_image,
+)
 from app.system.errors import AppError
 from kgdfa.augmentation import FALLBACK_THRESHOLD, StillDetector, detect_photo
 from kgdfa.errors import KgdfaError
@@ -34,7 +42,10 @@ from logs.reason import Reason, reason, reason_of
 def detect_images(
     images: Sequence[LabelledImage], directory: Path, model: Path, step: Step, prepare: Prepare = as_bgr8
 ) -> list[DetectedImage]:
-    """The hands in every view of every image, in order; `step` is called after each. Each thread has its detectors."""
+    """The hands in every view of every image, in order; `step` is called after each. Each thread has its detectors.
+
+    Raises AppError where no image can be read.
+    """
     from kgdfa.keypoints import HandDetector
 
     own, closing = threading.local(), ExitStack()  # MediaPipe's detectors can't be left to the interpreter's end
@@ -57,12 +68,16 @@ def detect_images(
             return DetectedImage(image=labelled, hands=detect_photo(plain, sensitive, prepare(image)))
         except KgdfaError as error:
             return DetectedImage(image=labelled, hands=(), error=reason_of(error))
+        except NO_MEMORY:
+            return DetectedImage(image=labelled, hands=(), error=unreadable_image(labelled))
 
     detected = []
     with closing, ThreadPoolExecutor(os.cpu_count()) as pool:
         for one in pool.map(detect, images):
             detected.append(one)
             step()
+    if detected and all(one.error for one in detected):
+        raise AppError(EvaluateFault.IMAGE_UNREADABLE, file=images[0].path)
     return detected
 
 

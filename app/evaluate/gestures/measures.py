@@ -57,14 +57,17 @@ class Classified:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GestureFigures:
-    """One line of Table 3; shares in [0, 1]."""
+    """One line of Table 3; shares in [0, 1]. None: no image shows the gesture; pre too where none was taken for it."""
 
-    pre: float
-    re: float
-    iou: float
-    f1: float
-    ap: float
+    pre: float | None
+    re: float | None
+    iou: float | None
+    f1: float | None
+    ap: float | None
     n: int
+
+
+NOT_SHOWN = GestureFigures(pre=None, re=None, iou=None, f1=None, ap=None, n=0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -106,16 +109,22 @@ def measure(classified: Sequence[Classified]) -> Figures:
     ap = _average_precisions(truth, np.array([one.scores for one in classified]).reshape(-1, len(names)))
     per_gesture = {
         name: GestureFigures(
-            pre=float(pre[k]), re=float(re[k]), iou=float(iou[k]), f1=float(f1[k]), ap=ap[k], n=int(n[k])
+            pre=float(pre[k]) if name in predicted else None,
+            re=float(re[k]),
+            iou=float(iou[k]),
+            f1=float(f1[k]),
+            ap=ap[k],
+            n=int(n[k]),
         )
+        if n[k]
+        else NOT_SHOWN
         for k, name in enumerate(names)
     }
-    shown = [figures for figures in per_gesture.values() if figures.n]
     undefined = [one for one in classified if one.truth == NONE and one.readable]
     gestures = [one for one in classified if one.truth != NONE]
     return Figures(
-        macro_f1=mean(figures.f1 for figures in shown),
-        map=mean(figures.ap for figures in shown),
+        macro_f1=mean(f1[n > 0]),
+        map=mean(np.array(ap)[n > 0]),
         accepted_undefined=_accepted(undefined),
         wrong_gesture=mean(one.predicted not in (NONE, one.truth) for one in gestures),
         per_gesture=per_gesture,
@@ -126,7 +135,7 @@ def measure(classified: Sequence[Classified]) -> Figures:
 
 
 def _average_precisions(truth: list[str], scores: FloatArray) -> list[float]:
-    """AP a gesture; 0 for those that no image shows (they don't count in the mean)."""
+    """AP a gesture; 0 for those that no image shows (of which nothing is measured)."""
     from sklearn.metrics import average_precision_score
 
     found = [np.array([label == name for label in truth]) for name in GESTURE_NAMES]
@@ -158,7 +167,9 @@ def _grouped(classified: Iterable[Classified], attribute: str) -> dict[str, list
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SequenceFigures:
-    """What a sequence shows. Frames between gestures (skip) count in nothing but false onsets; None: of no frame."""
+    """What a sequence shows. Frames between gestures (skip) count in nothing but false onsets; None: a share or mean of
+    nothing.
+    """
 
     frames: int
     frame_accuracy: float | None  # of single verdicts
@@ -166,7 +177,7 @@ class SequenceFigures:
     shown: int  # stretches of one gesture long enough to be voted
     recognised: int  # of those, how many were voted at all
     broken: int  # recognised, and lost again before the stretch ended
-    delay_frames: float  # mean, from a stretch's first frame to its vote
+    delay_frames: float | None  # mean, from a stretch's first frame to its vote
     false_onsets: int  # votes for what neither this stretch nor its neighbours show
 
 
@@ -215,7 +226,7 @@ def measure_sequence(labels: Sequence[str], raw: Sequence[str | None], voted: Se
         shown=len(long),
         recognised=len(recognised),
         broken=sum(any(voted[k] != name for k in range(at, stop)) for (name, _, stop), at in recognised),
-        delay_frames=sum(at - start for (_, start, _), at in recognised) / max(len(recognised), 1),
+        delay_frames=mean(at - start for (_, start, _), at in recognised),
         false_onsets=_false_onsets(truth, voted),
     )
 

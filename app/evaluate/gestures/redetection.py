@@ -6,8 +6,10 @@ near as a push brings them.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -34,12 +36,13 @@ NEAR_M = (0.145, 0.19)  # from the nearest of a push to where it is pressed
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RedetectionFigures:
-    """One view: right and wrong hands in the images that the plain view missed, hands where there is none."""
+    """One view: right and wrong hands in the images that the plain view missed, hands in those that show none."""
 
     view: View
     right: int
     wrong: int
     false_hands: int
+    empty: int  # images that show none
     cost_ms: float
 
 
@@ -61,17 +64,19 @@ def empty_rooms(count: int, first_seed: int) -> list[Image]:
     return [image_of_scene(replace(scene, place=None), 0) for scene in by_room.values()]
 
 
-def images_without_hand(images: Iterable[LabelledImage], directory: Path, unreadable: dict[str, Reason]) -> list[Image]:
+def images_without_hand(
+    images: Iterable[LabelledImage], directory: Path, unreadable: dict[str, Reason]
+) -> Iterator[Image]:
     """The images labelled as showing none, those that can be read; the others are added to `unreadable`."""
     without = (one for one in images if one.label == NO_HAND)
-    return [image for _, image in read_images(without, directory, unreadable)]
+    return (image for _, image in read_images(without, directory, unreadable))
 
 
 def measure_redetection(
-    detector: StillDetector, missed: list[tuple[Image, FloatArray]], empty: list[Image]
+    detector: StillDetector, missed: list[tuple[Image, FloatArray]], empty: Iterable[Image]
 ) -> list[RedetectionFigures]:
     """Each view of re-detection, in its order; the plain one, which is among them, finds none of the missed."""
-    return [_redetected(detector, view, missed, empty) for view in REDETECTION_VIEWS]
+    return _measured(detector, REDETECTION_VIEWS, missed, empty)
 
 
 def near_hands(per_pose: int, first_seed: int) -> list[tuple[Image, FloatArray]]:
@@ -90,16 +95,14 @@ def near_hands(per_pose: int, first_seed: int) -> list[tuple[Image, FloatArray]]
 
 
 def measure_near(
-    detector: StillDetector, near: list[tuple[Image, FloatArray]], empty: list[Image]
+    detector: StillDetector, near: list[tuple[Image, FloatArray]], empty: Iterable[Image]
 ) -> list[RedetectionFigures]:
     """The views of a near hand just lost, and what they are made of, in the size in which it is sought."""
     parts = (FULL_VIEW, View(turn_deg=25), View(turn_deg=25, gamma=BRIGHTER))
-    return [_redetected(detector, view, near, empty, sought=True) for view in (*parts, *NEAR_VIEWS)]
+    return _measured(detector, (*parts, *NEAR_VIEWS), near, empty, sought=True)
 
 
-def redetection_table(
-    key: str, measured: Sequence[RedetectionFigures], *, total: int, empty: int, missed: int = 0
-) -> Table:
+def redetection_table(key: str, measured: Sequence[RedetectionFigures], *, total: int, missed: int = 0) -> Table:
     """A row a view. key: of its title."""
     rows = [
         (
@@ -115,31 +118,44 @@ def redetection_table(
         for one in measured
     ]
     columns = "scale turned gamma surround found elsewhere false_hands ms"
-    return table(key, columns, rows, left=0, total=total, missed=missed, empty=empty)
+    return table(key, columns, rows, left=0, total=total, missed=missed, empty=measured[0].empty)
 
 
-def _redetected(
+def _measured(
     detector: StillDetector,
-    view: View,
+    views: Sequence[View],
     shown: list[tuple[Image, FloatArray]],
-    empty: list[Image],
+    empty: Iterable[Image],
     *,
     sought: bool = False,
-) -> RedetectionFigures:
-    """sought: in the size in which a near hand is, by its true palm."""
+) -> list[RedetectionFigures]:
+    """A row a view. sought: in the size in which a near hand is, by its true palm. empty: one is held at a time."""
+    without, false_hands = 0, Counter[View]()
+    for image in empty:
+        without += 1
+        false_hands.update(view for view in views if _detected_in(detector, image, view) is not None)
+    found = {view: _errors(detector, view, shown, sought=sought) for view in views}
+    return [
+        RedetectionFigures(
+            view=view,
+            right=sum(error < RIGHT_SEGMENTS for error in errors),
+            wrong=sum(error >= RIGHT_SEGMENTS for error in errors),
+            false_hands=false_hands[view],
+            empty=without,
+            cost_ms=cost_ms(partial(render_view, view=view)),
+        )
+        for view, errors in found.items()
+    ]
+
+
+def _errors(detector: StillDetector, view: View, shown: list[tuple[Image, FloatArray]], *, sought: bool) -> list[float]:
     errors = []
     for image, truth in shown:
         palm_px = float(np.linalg.norm(truth[Keypoint.MIDDLE_MCP] - truth[Keypoint.WRIST]))
         scale = min(1.0, SOUGHT_PALM * image.shape[0] / palm_px) if sought else view.scale
         if hand := _detected_in(detector, image, replace(view, scale=scale)):
             errors.append(_error(hand, truth))
-    return RedetectionFigures(
-        view=view,
-        right=sum(error < RIGHT_SEGMENTS for error in errors),
-        wrong=sum(error >= RIGHT_SEGMENTS for error in errors),
-        false_hands=sum(_detected_in(detector, image, view) is not None for image in empty),
-        cost_ms=cost_ms(lambda image: render_view(image, view)),
-    )
+    return errors
 
 
 def _detected_in(detector: StillDetector, image: Image, view: View) -> Hand | None:

@@ -125,8 +125,9 @@ def kinds_json(figures: Figures | None) -> dict[str, Any]:
 def _table_3(name: str, figures: Figures) -> Table:
     rows = []
     for gesture, row in figures.per_gesture.items():
-        pairs = zip((row.pre, row.re, row.iou, row.f1, row.ap), PAPER_TABLE_3[gesture], strict=True)
-        rows.append((gesture, *(f"{100 * own:.1f} ({paper:.1f})" for own, paper in pairs), row.n))
+        ours = [decimals(own and 100 * own, ".1f") for own in (row.pre, row.re, row.iou, row.f1, row.ap)]
+        pairs = zip(ours, PAPER_TABLE_3[gesture], strict=True)
+        rows.append((gesture, *(f"{own} ({paper:.1f})" for own, paper in pairs), row.n))
     return table("gestures.table_3", "gesture pre re iou f1 ap n", rows, left=0, rules=name)
 
 

@@ -17,8 +17,9 @@ from pathlib import Path
 from rich.table import Table
 
 from app.evaluate.digital import GAP_NS, MEASURE_SEEDS, image_of_scene, scene_of, side_of
-from app.evaluate.harness import FRAME_NS, Step, percent, table
+from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, percent, table
 from app.evaluate.readings import GESTURE_NAMES, DetectedImage, LabelledImage, read_image
+from app.system.errors import AppError
 from app.text.catalogue import tr
 from hal.cameras.digital_hand.render import person_of
 from kgdfa.augmentation import AUGMENTATIONS, Augmentation, augment
@@ -101,7 +102,7 @@ class SideMeasure:
 
 
 def measure_photos(detector: HandDetector, images: Iterable[LabelledImage], directory: Path, step: Step) -> SideFigures:
-    """Each photo and its mirror image."""
+    """Each photo and its mirror image. Raises AppError where no photo can be read."""
     measure, figures = SideMeasure(detector), SideFigures()
     try:
         for labelled in images:
@@ -114,6 +115,8 @@ def measure_photos(detector: HandDetector, images: Iterable[LabelledImage], dire
             step()
     except KeyboardInterrupt:
         figures.interrupted = True
+    if figures.unreadable and not figures.images and not figures.interrupted:
+        raise AppError(EvaluateFault.IMAGE_UNREADABLE, file=next(iter(figures.unreadable)))
     return figures
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from rich.table import Table
 
 from app.evaluate.digital import Moment, PoolDetector, centred, map_pool, smooth, take
-from app.evaluate.harness import FRAME_NS, Step, table
+from app.evaluate.harness import FRAME_NS, Step, percent, table
 from app.evaluate.readings import GESTURE_NAMES
 from app.evaluate.trigger.table6 import replay_pipeline
 from app.text.catalogue import render
@@ -35,11 +35,14 @@ VIEWS = ("plain", "squared")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ZoneRow:
-    """One gesture before one lens, over the hands: followed_from_cm worst of them; commands: share of pushes."""
+    """One gesture before one lens, over the hands: followed_from_cm worst of them; commands: share of pushes.
+
+    followed_from_cm None: one of them was never found.
+    """
 
     focal_px: float
     gesture: str
-    followed_from_cm: dict[str, float]
+    followed_from_cm: dict[str, float | None]
     commands: dict[str, float]
 
 
@@ -65,9 +68,9 @@ class Approach:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Approached:
-    """How near it was tracked without a break, and whether a push commanded just its gesture."""
+    """How near it was tracked without a break, and whether a push commanded just its gesture. None: never found."""
 
-    followed_cm: float
+    followed_cm: float | None
     commands: bool
 
 
@@ -108,11 +111,16 @@ def evaluate_press_zone(pool: ProcessPoolExecutor, *, hands: int, step: Step) ->
         ZoneRow(
             focal_px=focal_px,
             gesture=gesture,
-            followed_from_cm={view: max(one.followed_cm for one in results) for view, results in by_view.items()},
+            followed_from_cm={view: _worst([one.followed_cm for one in results]) for view, results in by_view.items()},
             commands={view: float(np.mean([one.commands for one in results])) for view, results in by_view.items()},
         )
         for (focal_px, gesture), by_view in each.items()
     ]
+
+
+def _worst(followed_cm: list[float | None]) -> float | None:
+    found = [cm for cm in followed_cm if cm is not None]
+    return max(found) if len(found) == len(followed_cm) else None
 
 
 def approach(detector: PoolDetector, wanted: Approach) -> Approached:
@@ -122,15 +130,15 @@ def approach(detector: PoolDetector, wanted: Approach) -> Approached:
     return Approached(followed_cm=followed_cm, commands=_commands(detector, wanted))
 
 
-def _followed(detector: PoolDetector, wanted: Approach) -> float:
-    """The nearest distance, cm, to which the approaching hand is tracked without a break."""
-    nearest_m = APPROACH_M[0]
+def _followed(detector: PoolDetector, wanted: Approach) -> float | None:
+    """The nearest distance, cm, to which the approaching hand is tracked without a break; None where it never is."""
+    nearest_m: float | None = None
     for number, (z, hands) in enumerate(_detected(detector, wanted, (*(APPROACH_M[0],) * SHOWN_FRAMES, *APPROACH_M))):
         right = bool(hands) and abs(_ratio(hands[0], wanted, z) - 1) < FAR_OFF
         if number >= SHOWN_FRAMES and not right:
             break
         nearest_m = z if right else nearest_m
-    return round(nearest_m * 100, 1)
+    return None if nearest_m is None else round(nearest_m * 100, 1)
 
 
 def _commands(detector: PoolDetector, wanted: Approach) -> bool:
@@ -199,12 +207,16 @@ def zone_lines() -> list[str]:
     return [f"{focal_px:.0f} px: {render(zone.explain())}" for focal_px, zone in zones.items()]
 
 
+def _distance(cm: float | None) -> str:
+    return "–" if cm is None else f"{cm:.0f} cm"
+
+
 def zone_table(rows: list[ZoneRow]) -> Table:
     """How near the hand is tracked, and whether a push with the proposed threshold commands."""
     columns = " ".join(["lens", "gesture", *(f"{view}_{what}" for view in VIEWS for what in ("tracked", "commands"))])
     made = table("press_zone", columns, left=6)
     for row in rows:
-        pairs = ((f"{row.followed_from_cm[view]:.0f} cm", f"{100 * row.commands[view]:.0f} %") for view in VIEWS)
+        pairs = ((_distance(row.followed_from_cm[view]), percent(row.commands[view], 0)) for view in VIEWS)
         cells = [cell for pair in pairs for cell in pair]
         made.add_row(f"{row.focal_px:.0f} px", row.gesture, *cells, end_section=row.gesture == GESTURE_NAMES[-1])
     return made

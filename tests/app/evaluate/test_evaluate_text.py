@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import ast
+import re
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,7 +17,9 @@ from app.evaluate.harness import EvaluateFault, require_extra
 from app.evaluate.trigger.push_results import ButtonPhase, PushFault
 from app.system.errors import AppError
 from app.text.catalogue import key_of, knows, render, use_language
+from tests.support.catalogues import entries
 
+ROOT = Path(__file__).parents[3]
 FILES = [*Path(harness.__file__).parent.rglob("*.py"), Path(commands.__file__)]
 
 
@@ -74,11 +78,43 @@ def test_a_command_without_its_extra_ends_with_one_sentence(
     with pytest.raises(SystemExit) as ended:
         main()
     assert ended.value.code == 2
-    assert capsys.readouterr().err == f'rleex: This command needs the extra {extra}: pip install "rleex[{extra}]".\n'
+    wanted = f"rleex: This command needs more than make run installs (the extra {extra}): run make check once"
+    assert capsys.readouterr().err.startswith(wanted)
 
 
 def test_a_missing_extra_ends_with_how_to_install_it() -> None:
     require_extra("evaluate", "json")
     with pytest.raises(AppError) as caught:
         require_extra("evaluate", "no_such_module")
-    assert render(caught.value) == 'This command needs the extra evaluate: pip install "rleex[evaluate]".'
+    assert "(the extra evaluate): run make check once, which installs it." in render(caught.value)
+
+
+# The text → the extra whose packages it names.
+INSTALLED_BY_HAND = {
+    "CameraFault.NO_REALSENSE_LIBRARY": "realsense",
+    "StopInputFault.EXTRA_MISSING": "inputs",
+    "MicrophoneFault.EXTRA_MISSING": "voice",
+    "VoiceState.NO_EXTRA": "voice",
+}
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_no_text_installs_what_the_lock_leaves_out(language: str) -> None:
+    """`pip install "rleex[…]"` resolves mediapipe anew: another cv2 over the locked one (tools/overrides.txt)."""
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    texts = entries(language)
+    assert [key for key, forms in texts.items() if any("rleex[" in form for form in forms)] == []
+    for key, extra in INSTALLED_BY_HAND.items():
+        packages = " ".join(re.split(r"[<>=]", one)[0] for one in extras[extra])
+        assert f".venv/bin/python -m pip install --no-deps {packages}" in texts[key][0]
+    by_pip = {key for key, forms in texts.items() if any("pip install" in form for form in forms)}
+    assert by_pip == set(INSTALLED_BY_HAND)
+    assert "make check" in texts["EvaluateFault.EXTRA_MISSING"][0]
+    assert "rleex[evaluate,analysis,build]" in extras["dev"], "what make check installs"
+
+
+def test_no_document_and_no_remedy_in_code_does_either() -> None:
+    files = [ROOT / "README.md", *(file for room in ("docs", "app", "hal") for file in (ROOT / room).rglob("*.*"))]
+    texts = {file: file.read_text(encoding="utf-8") for file in files if file.suffix in {".md", ".py"}}
+    assert len(texts) > 300
+    assert [file for file, text in texts.items() if re.search(r"pip install(?! --no-deps)", text)] == []

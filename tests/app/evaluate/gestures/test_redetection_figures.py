@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 
 import cv2
@@ -59,7 +60,7 @@ def test_hands_in_their_place_elsewhere_and_where_there_is_none_are_counted_apar
     measured = {one.view: one for one in measure_redetection(BrightSpot(), missed, [room(spot=True), room(spot=False)])}
     plain = measured[FULL_VIEW]
     assert (plain.right, plain.wrong) == (1, 1)
-    assert plain.false_hands == 1
+    assert (plain.false_hands, plain.empty) == (1, 2)
     assert list(measured) == list(REDETECTION_VIEWS)
 
 
@@ -101,5 +102,21 @@ def test_only_readable_images_without_a_hand_are_taken(tmp_path: Path) -> None:
     labels = {"room.png": "none:nohand", "hand.png": "5", "gone.png": "none:nohand"}
     images = [LabelledImage(path=path, label=label, source="s", group="g") for path, label in labels.items()]
     unreadable: dict[str, Reason] = {}
-    assert len(images_without_hand(images, tmp_path, unreadable)) == 1
+    assert [image.shape for image in images_without_hand(images, tmp_path, unreadable)] == [(20, 20, 3)]
     assert list(unreadable) == ["gone.png"]
+
+
+def test_images_without_a_hand_are_held_one_at_a_time_and_reduced(tmp_path: Path) -> None:
+    read: list[str] = []
+
+    def listed() -> Iterator[LabelledImage]:
+        for number in range(3):
+            read.append(f"{number}.png")
+            cv2.imwrite(str(tmp_path / read[-1]), np.zeros((40, 2560, 3), np.uint8))
+            yield LabelledImage(path=read[-1], label="none:nohand")
+
+    images = images_without_hand(listed(), tmp_path, {})
+    assert next(images).shape == (20, 1280, 3)
+    assert read == ["0.png"]
+    (first, *_) = measure_redetection(Blind(), [], images)
+    assert (first.empty, first.false_hands) == (2, 0)

@@ -36,7 +36,9 @@ def test_a_broken_gesture_and_a_false_onset_are_counted() -> None:
 
 def test_a_gesture_never_reported_is_not_recognised() -> None:
     figures = measure_sequence(["3"] * 6, ["none"] * 6, ["none"] * 6)
-    assert (figures.shown, figures.recognised, figures.delay_frames) == (1, 0, 0)
+    assert (figures.shown, figures.recognised, figures.delay_frames) == (1, 0, None)
+    cells = [str(cell) for cell in sequence_table(Path("video"), {"robust": figures}).columns[1].cells]
+    assert cells[-2] == "–"
 
 
 def test_the_chain_over_footage_guides_its_detector_as_a_sessions_does(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,21 +12,28 @@ import cv2
 import msgspec
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from PIL import Image
 
 from app.cli.common import show
 from app.cli.evaluate.common import unreadable_lines
 from app.evaluate.distance.frames import figures as distance_figures
 from app.evaluate.distance.frames import measure_frames
+from app.evaluate.distance.table5 import Table5, _Held, _row, tables
 from app.evaluate.gestures.ablation import measure_preparations, photos, preparation_table
-from app.evaluate.gestures.images import classify_all, published_classifier
-from app.evaluate.gestures.measures import measure, measure_sequence
-from app.evaluate.gestures.report import kinds_shown, sequence_table, shown
+from app.evaluate.gestures.images import classify_all, detect_images, published_classifier
+from app.evaluate.gestures.measures import NOT_SHOWN, measure, measure_sequence
+from app.evaluate.gestures.report import as_json, kinds_shown, sequence_table, shown
 from app.evaluate.gestures.side import SideFigures, measure_looks, measure_photos
-from app.evaluate.harness import EvaluateFault
+from app.evaluate.harness import MODES, EvaluateFault
 from app.evaluate.readings import DetectedImage, LabelledFrame, LabelledImage, read_image
+from app.system.errors import AppError
+from app.text.catalogue import render
+from hal.cameras.playback import MAX_PIXELS
+from hal.errors import HardwareError, RecordingFault
 from kgdfa.gesture import Gesture
 from kgdfa.hand import Hand
+from logs.reading.regular import MAX_IMAGE
 from logs.reason import Reason, reason
 from tests.kgdfa.hands import STATES, drawn_hand
 
@@ -90,7 +99,8 @@ def test_preparations_are_measured_on_those_that_can_be_read_and_the_others_are_
 def test_rows_are_counted_and_an_image_is_named_once() -> None:
     count, *named = unreadable_lines({"x.png": UNREADABLE}, "gestures.unreadable", rows=3)
     assert count.startswith("3 rows name images that could not be read")
-    assert named == ["  x.png: x.png is no image that can be read: repair or remove it."]
+    (line,) = named
+    assert line.startswith("  x.png: x.png is missing, or no image that can be read (")
 
 
 def test_what_a_list_names_is_no_markup_and_nothing_that_a_terminal_obeys(capsys: pytest.CaptureFixture[str]) -> None:
@@ -138,6 +148,80 @@ def test_shares_of_nothing_are_none_and_shown_as_a_dash() -> None:
     assert SideFigures().right is None
 
 
+def test_a_gesture_that_no_image_shows_has_no_figures() -> None:
+    figures = measure(classify_all([replace(GUN, image=replace(GUN.image, label="love"))], published_classifier()))
+    assert figures.per_gesture["5"] == NOT_SHOWN, "one was taken for it, none shows it"
+    love = figures.per_gesture["love"]
+    assert (love.pre, love.re, love.iou, love.f1, love.n) == (None, 0.0, 0.0, 0.0, 1), "none was taken for it"
+    assert (figures.macro_f1, figures.map) == (0.0, love.ap)
+    (table, *_) = shown("published", figures, 1)
+    assert not isinstance(table, str)
+    rows = {str(cells[0]): [*map(str, cells[1:])] for cells in zip(*(one.cells for one in table.columns), strict=True)}
+    assert rows["5"] == ["– (99.1)", "– (96.0)", "– (96.9)", "– (95.2)", "– (99.0)", "0"]
+    assert rows["love"][:2] == ["– (98.9)", "0.0 (94.7)"]
+    made = as_json({"published": figures}, {}, [], cross_validated=False, views=None, prepare="none")
+    line = dict.fromkeys(("pre", "re", "iou", "f1", "ap"), None)
+    assert made["rules"]["published"]["per_gesture"]["5"] == line | {"n": 0}
+
+
+UNREAD = [LabelledImage(path=rf"images\{number}.jpg", label="3") for number in (1, 2)]
+
+
+@pytest.mark.parametrize(
+    "measured",
+    [
+        lambda folder: detect_images(UNREAD, folder, Path("model"), lambda: None),
+        lambda folder: measure_photos(Blind(), UNREAD, folder, lambda: None),  # type: ignore[arg-type]
+        lambda folder: measure_preparations(photos(UNREAD, folder, {}), Blind()),
+        lambda folder: measure_frames(
+            [
+                LabelledFrame(path=folder / one.path, focal_px=900.0, reference_m=0.067, distance_m=0.4)
+                for one in UNREAD
+            ],
+            Blind(),  # type: ignore[arg-type]
+            lambda: None,
+        ),
+    ],
+    ids=["gestures", "side", "preprocessing", "distance"],
+)
+def test_a_folder_of_which_no_image_can_be_read_gives_no_figures(
+    tmp_path: Path, measured: Callable[[Path], object]
+) -> None:
+    with pytest.raises(AppError) as refused:
+        measured(tmp_path)
+    assert refused.value.code is EvaluateFault.IMAGE_UNREADABLE
+    assert str(refused.value.values["file"]).endswith(r"images\1.jpg")
+
+
+def test_an_image_that_memory_does_not_hold_is_unreadable_and_the_others_are_counted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("kgdfa.keypoints.HandDetector", lambda *_, **__: nullcontext(Blind()))
+    listed = [LabelledImage(path=f"{number}.png", label="3") for number in range(4)]
+    cv2.imwrite(str(tmp_path / "0.png"), np.zeros((40, 40, 3), np.uint8))
+    for number, width in ((1, 50), (2, 60)):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), np.zeros((1, width, 3), np.uint8))
+    Image.new("1", (1, 1_000_000)).save(tmp_path / "3.png")
+
+    def prepare(image: NDArray[Any]) -> NDArray[np.uint8]:
+        if image.shape[1] == 50:
+            raise MemoryError
+        if image.shape[1] == 60:
+            cv2.copyMakeBorder(image, 0, 0, 0, -1, cv2.BORDER_CONSTANT)
+        return np.asarray(image, np.uint8)
+
+    detected = detect_images(listed, tmp_path, Path("model"), lambda: None, prepare)
+    assert [one.error and one.error.code for one in detected] == [None, UNREADABLE.code, UNREADABLE.code, None]
+
+
+def test_the_text_names_the_largest_image_that_is_read() -> None:
+    limits = (MAX_IMAGE >> 20, MAX_PIXELS // 1_000_000)
+    assert "up to {} MB and {} megapixels".format(*limits) in render(UNREADABLE)
+    assert "larger than {} MB or {} megapixels".format(*limits) in render(
+        HardwareError(RecordingFault.IMAGE_UNREADABLE, path="x.png")
+    )
+
+
 def test_a_sequence_of_nothing_but_pauses_has_no_accuracy() -> None:
     figures = measure_sequence(["skip"] * 3, ["none"] * 3, ["none"] * 3)
     assert (figures.frame_accuracy, figures.voted_accuracy) == (None, None)
@@ -150,3 +234,15 @@ def test_distances_of_which_none_was_measured_have_no_shares() -> None:
     assert nothing.cells() == ("2", "2", *("–",) * 6)
     written = msgspec.json.decode(msgspec.json.encode(nothing.as_json()))
     assert written == dict.fromkeys(written, None) | {"missing": 2}
+
+
+def test_a_hand_that_was_found_in_no_frame_has_no_share_of_zeros_in_its_depth() -> None:
+    def held(zero: float | None) -> _Held:
+        nothing = {name: np.full(2, np.nan) for name in MODES}
+        return _Held(mono=nothing, depth=nothing, zero=zero)
+
+    assert _row(40, [held(0.5), held(None), held(0.0)]).depth_zero == 0.25
+    row = _row(40, [held(None)])
+    assert row.as_json()["d435i_zero_share"] is None
+    (table, *_) = tables(Table5(hands=1, focal_px=650.0, rows=(row,), tilts=(), walk={}))
+    assert [str(cell) for cell in table.columns[-1].cells] == ["–"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tracemalloc
 from pathlib import Path
 from types import SimpleNamespace, TracebackType
 from typing import Any
@@ -11,18 +12,22 @@ import cv2
 import numpy as np
 import pytest
 
-from app.evaluate.loop.speed import BARE, WARM_UP, WHOLE, frames_for_speed, measure_speed, worker_counts
+from app.evaluate.harness import EvaluateFault
+from app.evaluate.loop.frames import frames_for_speed
+from app.evaluate.loop.speed import BARE, WARM_UP, WHOLE, measure_speed, worker_counts
 from app.system.errors import AppError
 from kgdfa.gesture import Gesture
 from kgdfa.hand import Hand
+from tests.app.evaluate.test_full_disk import full_disk
 from tests.kgdfa.hands import STATES, drawn_hand
 
 
 def test_without_a_recording_the_digital_hand_moves() -> None:
-    images, focal_px, unreadable = frames_for_speed(None, 4)
-    assert not unreadable
+    with frames_for_speed(None, 4) as made:
+        images = made.images()
+    assert not made.unreadable
     assert [image.shape for image in images] == [(720, 1280, 3)] * 4
-    assert focal_px == 650.0
+    assert made.focal_px == 650.0
     assert (images[0] != images[3]).any()
 
 
@@ -38,21 +43,54 @@ def recording(folder: Path, *, frames: int, missing: int = 0) -> None:
 
 def test_a_recording_gives_its_first_frames_and_its_focal_length(tmp_path: Path) -> None:
     recording(tmp_path, frames=3)
-    images, focal_px, unreadable = frames_for_speed(tmp_path, 2)
+    with frames_for_speed(tmp_path, 2) as made:
+        images = made.images()
     assert [int(image[0, 0, 0]) for image in images] == [0, 10]
-    assert (focal_px, unreadable) == (600.0, [])
+    assert (made.focal_px, made.unreadable) == (600.0, ())
+    assert not made.file.exists()
 
 
 def test_frames_that_can_not_be_read_are_left_out_and_named(tmp_path: Path) -> None:
     recording(tmp_path, frames=3, missing=1)
-    images, _, unreadable = frames_for_speed(tmp_path, 3)
-    assert (len(images), unreadable) == (2, [tmp_path / "2.png"])
+    with frames_for_speed(tmp_path, 3) as made:
+        assert (len(made.images()), made.unreadable) == (2, (tmp_path / "2.png",))
+
+
+def test_frames_of_other_sizes_are_told_apart(tmp_path: Path) -> None:
+    recording(tmp_path, frames=3)
+    cv2.imwrite(str(tmp_path / "1.png"), np.full((5, 4, 3), 77, np.uint8))
+    with frames_for_speed(tmp_path, 3) as made:
+        images = made.images()
+    assert [image.shape for image in images] == [(8, 10, 3), (5, 4, 3), (8, 10, 3)]
+    assert [set(image.ravel()) for image in images] == [{0}, {77}, {20}]
+
+
+def test_all_processes_map_one_copy_of_the_frames(tmp_path: Path) -> None:
+    recording(tmp_path, frames=25)
+    for number in range(25):
+        cv2.imwrite(str(tmp_path / f"{number}.png"), np.full((400, 400, 3), number, np.uint8))
+    tracemalloc.start()
+    try:
+        with frames_for_speed(tmp_path, 25) as made:
+            images, of_another = made.images(), made.images()
+        assert tracemalloc.get_traced_memory()[0] < images[0].nbytes, "held"
+    finally:
+        tracemalloc.stop()
+    assert not any(image.flags.writeable for image in images)
+    assert [int(image[0, 0, 0]) for image in of_another] == [*range(25)]
+
+
+def test_a_disk_without_room_for_the_frames_is_named(tmp_path: Path) -> None:
+    recording(tmp_path, frames=3)
+    with full_disk(100), pytest.raises(AppError) as refused, frames_for_speed(tmp_path, 3):
+        pass
+    assert refused.value.code is EvaluateFault.FILE_UNWRITABLE
 
 
 def test_a_recording_without_one_readable_frame_is_refused(tmp_path: Path) -> None:
     recording(tmp_path, frames=2, missing=2)
-    with pytest.raises(AppError, match="IMAGE_UNREADABLE"):
-        frames_for_speed(tmp_path, 2)
+    with pytest.raises(AppError, match="IMAGE_UNREADABLE"), frames_for_speed(tmp_path, 2):
+        pass
 
 
 class Finder:
@@ -89,8 +127,8 @@ def test_frames_to_warm_up_count_in_no_figure(frames: int, monkeypatch: pytest.M
 
 
 def test_a_recording_that_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(AppError, match="FILE_UNREADABLE"):
-        frames_for_speed(tmp_path, 2)
+    with pytest.raises(AppError, match="FILE_UNREADABLE"), frames_for_speed(tmp_path, 2):
+        pass
 
 
 @pytest.mark.parametrize(("workers", "counts"), [(0, []), (1, [1]), (2, [1, 2]), (8, [1, 8])])

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
@@ -15,6 +17,7 @@ from app.evaluate.voice.recordings import Recording, keep, measure, pcm, read_re
 from app.evaluate.voice.speech import PHRASES, Voices, gait, levelled, mixed, music, resampled, rms, voices
 from app.system.errors import AppError
 from app.text.catalogue import render
+from hal.errors import HardwareError, MicrophoneFault
 from hal.microphone import RATE_HZ
 
 LOUD = 12_000
@@ -136,11 +139,11 @@ def test_a_bad_list_is_one_sentence(tmp_path: Path, text: str | None, fault: Eva
 
 
 def test_without_espeak_or_the_extra_the_command_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("app.evaluate.harness.find_spec", lambda _: None)
+    monkeypatch.setitem(sys.modules, "pocketsphinx", None)
     done = CliRunner().invoke(cli, ["evaluate", "voice"])
-    assert isinstance(done.exception, AppError)
-    assert done.exception.code is EvaluateFault.EXTRA_MISSING
-    monkeypatch.setattr("app.evaluate.harness.find_spec", lambda _: object())
+    assert isinstance(done.exception, HardwareError)
+    assert done.exception.code is MicrophoneFault.EXTRA_MISSING
+    monkeypatch.setitem(sys.modules, "pocketsphinx", ModuleType("pocketsphinx"))
     monkeypatch.setattr(speech, "ESPEAK", "no-such-program")
     done = CliRunner().invoke(cli, ["evaluate", "voice"])
     assert isinstance(done.exception, AppError)
