@@ -187,7 +187,8 @@ def check_realsense(config: Config) -> Iterator[Finding]:
             install = run("sudo apt-get install libusb-1.0-0")
             yield grade(T.REALSENSE, reason(F.REALSENSE_NOT_LOADED, detail=str(error)), install)
         else:
-            yield grade(T.REALSENSE, reason(F.REALSENSE_NOT_INSTALLED), run("pip install 'rleex[realsense]'"))
+            install = run(".venv/bin/python -m pip install --no-deps pyrealsense2")
+            yield grade(T.REALSENSE, reason(F.REALSENSE_NOT_INSTALLED), install)
         return
     yield good(T.REALSENSE, F.REALSENSE_LOADED, version=getattr(pyrealsense2, "__version__", "?"))
 
