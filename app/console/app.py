@@ -25,7 +25,7 @@ from textual.timer import Timer
 from app.console import keys
 from app.console.ending import Ending
 from app.console.keys import commands
-from app.console.live import Clock, HostFactory, LiveSession, preload_modules
+from app.console.live import Clock, HostFactory, preload_modules
 from app.console.operator import Idle, since_boot_s
 from app.console.pixels import PixelTerminal, asks
 from app.console.screens.base import ConsoleScreen, Dialog
@@ -35,7 +35,7 @@ from app.console.screens.patients import PatientsScreen
 from app.console.screens.signin import LockScreen, SignInDialog
 from app.console.session_flow import SessionFlow
 from app.console.spoken import Sound, sounds_of, switched_on
-from app.console.state import ProcessFault, SessionState, newly_ended
+from app.console.state import ProcessFault, newly_ended
 from app.console.terminal import TerminalDriver, TerminalEvents, with_stop
 from app.console.themes import THEME_NAMES, THEMES
 from app.console.widgets.picture import Picture
@@ -92,7 +92,7 @@ class ConsoleApp(SessionFlow):
         self._terminal: TerminalDriver | None = None  # None: no terminal's thread takes STOP
         self._loop_of_console: asyncio.AbstractEventLoop | None = None
         self._ending = Ending(self._lose_console, self._ask_to_end, self._restore_terminal)
-        self._idle = Idle(touched_s=since_boot_s(), limit_s=config.idle_lock_s)
+        self._idle = Idle(touched_s=since_boot_s(), limit_s=0.0 if read_only else config.idle_lock_s)
         self._stop_ns = 0  # the newest STOP that counted as a touch
         self._beat: Timer | None = None
         self._beat_s = 0.0
@@ -305,19 +305,17 @@ class ConsoleApp(SessionFlow):
         now_s, stop_ns = since_boot_s(), self.switch.sent_ns
         if stop_ns > self._stop_ns:  # taken out of the input before `on_event`, and a touch as every other key
             self._stop_ns, self._idle = stop_ns, self._idle.touched(now_s)
-        if self._idle.must_lock(now_s, moving=self._may_move(live, state)):
+        moving, idle = state is not None and state.moving and self.switch.live, self._idle.is_over(now_s)
+        if moving and not idle:  # after the computer's sleep it does not count, and the lock comes once the legs stand
+            self._idle = self._idle.touched(now_s)
+        if idle and not moving:
             self._idle = self._idle.touched(now_s)
             self.action_lock_console()
-        screen = self.screen_stack[-1] if self.screen_stack else None  # none left while the program ends
-        if isinstance(screen, (ConsoleScreen, Dialog)) and screen.composed:
+        own = (screen for screen in reversed(self.screen_stack) if isinstance(screen, (ConsoleScreen, Dialog)))
+        screen = next(own, None)  # below the palette it stays in sight; none is left while the program ends
+        if screen is not None and screen.composed:
             with suppress(NoMatches):  # a screen that is just being taken down has lost its widgets
                 screen.show_session(state)
-
-    def _may_move(self, live: LiveSession | None, state: SessionState | None) -> bool:
-        """Whether legs may move that this console can stop; an observer stops none and watches a control that runs."""
-        if live is None or state is None:
-            return False
-        return state.moving and (live.control_alive if self.read_only else self.switch.live)
 
     def _record_ended(self, processes: tuple[ProcessStatus, ...]) -> None:
         """Into the trail: a process that crashed can't."""

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
-from textual.app import SystemCommand
+from textual.app import App, SystemCommand
 from textual.binding import Binding
 from textual.screen import Screen
 
@@ -48,7 +48,7 @@ SESSION = (
     _key("guided", "g", "guided_test", show=False),
     _key("end", "e", "end_session"),
 )
-HAND = (
+DIGITAL_HAND = (
     _key("hand.click", "enter", "hand_click"),
     _key("hand.press", "p", "hand_press", show=False),
     _key("hand.left", "left", "hand_move(-1,0,0)", show=False),
@@ -63,6 +63,11 @@ HAND = (
         _key(f"hand.{gesture.name.lower()}", gesture.value[0], f"hand_sign('{gesture.value}')", show=False)
         for gesture in Gesture
     ),
+)
+HAND = (  # where training, enrolment or comparison stand in the session's place: also what the STOP bar names
+    _key("acknowledge", "k", "acknowledge", show=False),
+    _key("torque_off", "o", "torque_off", show=False),
+    *DIGITAL_HAND,
 )
 PATIENTS = (
     _key("patients.begin", "enter", "begin"),
@@ -81,7 +86,13 @@ PATIENTS = (
     _key("patients.order", "s", "order", show=False),
     _key("patients.search", "slash", "search"),
 )
-ALL = (*EVERYWHERE, *SESSION, *HAND, *PATIENTS)
+ALL = (*EVERYWHERE, *SESSION, *DIGITAL_HAND, *PATIENTS)
+
+# What screens and dialogs bind themselves, and nobody remaps. The tests compare both with all screens, which can't be
+# asked here: some load OpenCV and MCAP, in one and a half seconds.
+_MOVES = {"up", "down", "left", "right", "home", "end", "pageup", "pagedown", "plus", "minus", "equals_sign"}
+OF_SCREENS = frozenset("0123456789celnpruvy") | _MOVES | {"ctrl+s", "enter", "escape", "f5", "f6", "tab"}
+BESIDE_HAND = frozenset({"2", "ctrl+s", "e", "escape", "r", "tab", "v"})  # on the screens that have the keys of HAND
 
 # One key asks for the gesture of an action, on the digital hand as in the therapist's dialog.
 GESTURE_KEYS: dict[str, Gesture] = {gesture.value[0]: gesture for gesture in Gesture}
@@ -90,13 +101,13 @@ CLICK_S = 0.6  # push and draw back: quick for a person, eighteen pictures for t
 
 
 def check_keymap(keymap: Mapping[str, str]) -> None:
-    """Raises AppError when the configuration names a key that isn't there, or gives one key two meanings."""
+    """Raises AppError when the configuration names a key that isn't there, or one that means something else."""
     known = {binding.id for binding in ALL}
     for name in keymap:
         if name not in known:
             names = ", ".join(sorted(str(item) for item in known))
             raise AppError(ConsoleFault.UNKNOWN_KEY_NAME, name=name, known=names)
-    for place in ((*EVERYWHERE, *SESSION, *HAND), (*EVERYWHERE, *PATIENTS)):
+    for place in ((*EVERYWHERE, *SESSION, *DIGITAL_HAND), (*EVERYWHERE, *PATIENTS)):
         taken: dict[str, str] = {}
         for binding in place:
             assert binding.id is not None
@@ -104,6 +115,11 @@ def check_keymap(keymap: Mapping[str, str]) -> None:
                 if key in taken:
                     raise AppError(ConsoleFault.KEY_TAKEN, key=key, first=taken[key], second=binding.id)
                 taken[key] = binding.id
+    for place, reserved in ((EVERYWHERE, OF_SCREENS), (HAND, BESIDE_HAND), (ALL, {App.COMMAND_PALETTE_BINDING})):
+        for binding in place:
+            remapped = set(keys_of(str(binding.id), keymap)) - set(binding.key.split(","))
+            for key in sorted(remapped & reserved):
+                raise AppError(ConsoleFault.KEY_RESERVED, key=key, name=binding.id)
 
 
 def keys_of(id: str, keymap: Mapping[str, str]) -> tuple[str, ...]:  # noqa: A002 - Textual's own name

@@ -93,12 +93,12 @@ class Idle:
     limit_s: float
 
     def touched(self, now_s: float) -> Idle:
-        """After a key or a click."""
+        """After a key, a click or motion."""
         return replace(self, touched_s=now_s)
 
-    def must_lock(self, now_s: float, *, moving: bool) -> bool:
-        """Whether to lock now; motion counts as being watched."""
-        return self.limit_s > 0 and not moving and now_s - self.touched_s >= self.limit_s
+    def is_over(self, now_s: float) -> bool:
+        """Whether the time is over."""
+        return self.limit_s > 0 and now_s - self.touched_s >= self.limit_s
 
 
 _MOST_WAITING = 1000  # sign-ins before a session; a person types no more

@@ -23,7 +23,7 @@ from logs.line import MAX_LINE
 from logs.read import UnreadableLine, joints_host, understand
 from logs.reading.errors import cause_of
 from logs.reading.regular import open_regular
-from logs.reason import Reason
+from logs.reason import Cause, Reason
 from logs.records import (
     Acknowledgement,
     Body,
@@ -62,6 +62,7 @@ class Span:
     end_s: float
     label: str
     weight: str = ""  # as in logs.show
+    cause: Cause = None  # of an event, as recorded
 
 
 @dataclass(slots=True, kw_only=True)
@@ -85,7 +86,7 @@ class Instant:
     gesture: str
     pressed: bool
     effect: str
-    events: tuple[str, ...]
+    events: tuple[Span, ...]
     joints: JointStatistics | None
 
 
@@ -153,7 +154,7 @@ class ReviewedSession:
             gesture=_label(self.lanes.gesture, at_s),
             pressed=bool(_label(self.lanes.press, at_s)),
             effect=_label(self.lanes.effect, at_s),
-            events=tuple(span.label for span in self.lanes.event if span.begin_s <= at_s <= span.end_s),
+            events=tuple(span for span in self.lanes.event if span.begin_s <= at_s <= span.end_s),
             joints=self.joints_at(at_s),
         )
 
@@ -187,7 +188,7 @@ class _LaneBuilder:
     def __init__(self) -> None:
         self._lanes = Lanes()
         self._open: dict[str, tuple[float, str]] = {}
-        self._events: dict[str, tuple[float, str]] = {}
+        self._events: dict[str, tuple[float, EventRaised]] = {}
 
     def add(self, body: Body, at_s: float) -> None:
         match body:
@@ -204,8 +205,8 @@ class _LaneBuilder:
                 self._change("press", "", at_s)
             case EffectChanged(to_effect=effect):
                 self._change("effect", "" if effect == "note" else effect, at_s)
-            case EventRaised(event=event, effect=effect):
-                self._events.setdefault(event, (at_s, effect))
+            case EventRaised(event=event):
+                self._events.setdefault(event, (at_s, body))
             case EventCleared(event=event):
                 self._end_event(event, at_s)
             case Stop():
@@ -232,8 +233,10 @@ class _LaneBuilder:
     def _end_event(self, event: str, at_s: float) -> None:
         opened = self._events.pop(event, None)
         if opened is not None:
-            weight = "caution" if opened[1] in ("note", "refuse") else "grave"
-            self._lanes.event.append(Span(begin_s=opened[0], end_s=at_s, label=event, weight=weight))
+            begin_s, raised = opened
+            weight = "caution" if raised.effect in ("note", "refuse") else "grave"
+            span = Span(begin_s=begin_s, end_s=at_s, label=event, weight=weight, cause=raised.text)
+            self._lanes.event.append(span)
 
 
 def _begins_anew(record: Record) -> bool:

@@ -337,7 +337,8 @@ class SessionFlow(SignedInApp):
         if self.live is not live:
             return
         locked = self.locked
-        self._drop_dialogs()
+        while not isinstance(self.screen, SessionScreen):  # the palette and the comparison too
+            self._drop_screen()
         self.clear_notifications()  # what the session said last would cover the summary
         self.switch_screen(AfterScreen(live.state))
         if locked:

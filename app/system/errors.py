@@ -15,6 +15,7 @@ class ConsoleFault(Enum):
     NO_SESSION = "no session"
     UNKNOWN_KEY_NAME = "unknown key name"
     KEY_TAKEN = "key taken"
+    KEY_RESERVED = "key reserved"
 
 
 class AppError(CodedError):

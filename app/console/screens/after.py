@@ -15,6 +15,7 @@ from app.console.screens.base import ConsoleScreen
 from app.console.screens.dialogs import ask
 from app.console.session_index import SessionRecord
 from app.console.state import SessionState
+from app.console.widgets.text_field import TextField
 from app.system.operators import Permission
 from app.text.catalogue import tr
 from app.text.recorded import result_text
@@ -77,7 +78,7 @@ class AfterScreen(ConsoleScreen):
                 options = [(_wording(name, rating), rating) for rating in ratings]
                 yield Select(options, prompt=tr("after.not_asked"), id=name, compact=True)
             yield Label(tr("after.note"), classes="section")
-            yield Input(id="note", max_length=2000, compact=True)
+            yield TextField(id="note", max_length=2000, compact=True)
             yield Label(tr("after.next"), classes="section")
             locked = not self.console_app.may(Permission.EDIT_PATIENTS)
             yield Input(str(steps), id="steps", restrict="[0-9]*", max_length=6, compact=True, disabled=locked)

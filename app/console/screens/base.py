@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, cast
@@ -17,7 +17,7 @@ from textual.binding import ActiveBinding, BindingType
 from textual.geometry import Size
 from textual.screen import ModalScreen, Screen
 from textual.widget import Widget
-from textual.widgets import Input, Select
+from textual.widgets import Input, OptionList, Select
 
 from app.console import keys
 from app.console.state import SessionState
@@ -41,7 +41,7 @@ class _Console(Screen[T], Generic[T]):
     """Common ground of screens and dialogs."""
 
     HELP_PAGE = ""  # name of the contextual help in the language files
-    composed = False  # its widgets are there
+    composed = False  # its widgets are there; not while `recompose` makes them anew
     _styled_for = ""  # the theme that its widgets' styles were made for
 
     def __init__(self) -> None:
@@ -76,14 +76,31 @@ class _Console(Screen[T], Generic[T]):
         """In another language; what was typed, chosen and focused stays."""
         fields = [field for field in self.query("Input, Select") if field.id]
         values = {field.id: cast("Input | Select[object]", field).value for field in fields}
-        focused = self.focused.id if self.focused else None
+        focused = self.focused
+        if focused is not None and isinstance(focused.parent, Select):  # a choice that was open is closed then
+            focused = focused.parent
+        composed, self.composed = self.composed, False
         await super().recompose()
+        self.composed = composed
         for field in self.query("Input, Select"):
             if field.id in values:
                 cast("Input | Select[object]", field).value = values[field.id]
         if focused is not None:
-            self.set_focus(next(iter(self.query(f"#{focused}")), None))
+            self._focus_again(focused)
         self.fill()
+
+    def _focus_again(self, before: Widget) -> None:
+        """What stands now where this one was."""
+        now = next(iter(self.query(f"#{before.id}" if before.id else type(before).__name__)), None)
+        if isinstance(now, Input) and isinstance(before, Input):
+            now.selection = before.selection
+        elif isinstance(now, OptionList) and isinstance(before, OptionList):
+            now.highlighted = before.highlighted
+        self.set_focus(now, from_app_focus=True)  # else a field selects all, and the next key replaces it
+
+    def every(self, period_s: float, call: Callable[[], object]) -> None:
+        """Call this again and again, but not while `recompose` has taken the widgets that it looks for."""
+        self.set_interval(period_s, lambda: call() if self.composed else None)
 
     def fill(self) -> None:
         """Put in what `compose` leaves empty: once it has opened, and in another language."""
@@ -185,10 +202,11 @@ class HandKeys(ConsoleScreen):
         self._incarnation: int | None = None  # of the perception that knows the picture's size
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002
-        """Hand keys need a digital hand, and somebody who may do more than look."""
-        if not action.startswith("hand_"):
-            return True
-        return self.console_app.has_digital_hand and not self.console_app.read_only
+        """Hand keys need a digital hand; they, and those after a stop, somebody who may do more than look."""
+        app = self.console_app
+        if action in ("acknowledge", "torque_off"):
+            return app.live is not None and not app.read_only
+        return not action.startswith("hand_") or (app.has_digital_hand and not app.read_only)
 
     def show_session(self, state: SessionState | None) -> None:
         super().show_session(state)
@@ -215,6 +233,18 @@ class HandKeys(ConsoleScreen):
         if self._incarnation not in (None, report.incarnation):
             self.query_one("#picture", Picture).ask()
         self._incarnation = report.incarnation
+
+    def action_acknowledge(self) -> None:
+        """Ask before an event is acknowledged."""
+        from app.console.screens.after_stop import ask_to_acknowledge  # its question is made of this module's Dialog
+
+        ask_to_acknowledge(self.console_app)
+
+    def action_torque_off(self) -> None:
+        """Ask before the joints are switched off, after a damping."""
+        from app.console.screens.after_stop import ask_for_torque_off
+
+        ask_for_torque_off(self.console_app)
 
     def action_hand_sign(self, sign: str) -> None:
         """The digital hand shows a gesture, rests, or leaves; a push that waits is for the shape before."""

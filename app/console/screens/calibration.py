@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 import math
-import multiprocessing
 import shutil
 import time
 from datetime import UTC, datetime
 from multiprocessing.connection import Connection
-from multiprocessing.process import BaseProcess
 from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from textual.app import ComposeResult
@@ -21,6 +19,7 @@ from app.console.screens.dialogs import Wording, ask
 from app.console.state import SessionState
 from app.console.widgets.panel import bar
 from app.console.widgets.picture import Picture
+from app.console.worker import Worker
 from app.ipc.messages import Preview
 from app.session.host import make_setup
 from app.system.config import SessionSetup
@@ -46,7 +45,7 @@ PREVIEW_HZ = 10.0
 
 
 class CalibrationScreen(ConsoleScreen):
-    """Enter in the distance begins, Ctrl-S keeps, Escape leaves."""
+    """Enter in the distance begins, Ctrl-S keeps, Escape leaves; a result is of the distance that it began with."""
 
     HELP_PAGE = "calibration"
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -57,9 +56,9 @@ class CalibrationScreen(ConsoleScreen):
     def __init__(self, profile: Profile) -> None:
         super().__init__()
         self._profile = profile
-        self._pipe: Connection | None = None
-        self._child: BaseProcess | None = None
+        self._worker: Worker | None = None
         self._result: Calibrated | None = None
+        self._begun: str | None = None  # the distance as typed for what runs or has ended; None: nothing has begun
         self._progress: Wording = lambda: tr("calibration.begin")
 
     def compose(self) -> ComposeResult:
@@ -70,7 +69,7 @@ class CalibrationScreen(ConsoleScreen):
             with Vertical(id="wanted"):
                 yield Static(tr("calibration.text"), markup=False)
                 start = DEFAULT_CM.get(self.console_app.config.camera.kind, "30")
-                yield Input(start, id="measured", max_length=8)
+                yield Input(start if self._begun is None else self._begun, id="measured", max_length=8)
                 yield Static(id="progress", markup=False)
         yield from self.compose_bottom()
 
@@ -85,6 +84,9 @@ class CalibrationScreen(ConsoleScreen):
     def on_unmount(self) -> None:
         self._end_child()
 
+    def on_input_changed(self, event: Input.Changed) -> None:
+        self._give_up_unless(event.value)
+
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """Begin, at the typed distance."""
         try:
@@ -94,6 +96,7 @@ class CalibrationScreen(ConsoleScreen):
         if not NEAREST_CM <= distance_cm <= FARTHEST_CM:
             self._show(lambda: tr("calibration.distance", least_cm=NEAREST_CM, most_cm=FARTHEST_CM))
             return
+        self._begun = event.value
         with self.notify_errors():
             self._begin(distance_cm / 100)
 
@@ -103,8 +106,8 @@ class CalibrationScreen(ConsoleScreen):
     def show_session(self, state: SessionState | None) -> None:
         super().show_session(state)
         try:
-            while self._pipe is not None and self._pipe.poll():
-                self._receive(self._pipe.recv())
+            while self._worker is not None and self._worker.pipe.poll():
+                self._receive(self._worker.pipe.recv())
         except EOFError:
             self._end_child()
             if self._result is None:
@@ -112,6 +115,7 @@ class CalibrationScreen(ConsoleScreen):
 
     def action_keep(self) -> None:
         """Into the profile; an implausible one only after a question."""
+        self._give_up_unless(self.query_one("#measured", Input).value)
         if self._result is None:
             self._show(lambda: tr("calibration.nothing"))
         elif doubt := self._result.doubt:
@@ -119,17 +123,25 @@ class CalibrationScreen(ConsoleScreen):
         else:
             self._keep()
 
+    def _give_up_unless(self, typed: str) -> None:
+        """The distance that a measurement began with is part of it: where another one is typed, it must begin anew."""
+        if self._begun in (None, typed):
+            return
+        self._end_child()
+        self._result = self._begun = None
+        self._show(lambda: tr("calibration.begin"))
+
     def _begin(self, distance_m: float) -> None:
         self._end_child()
         self._result = None
         app = self.console_app
         setup = make_setup(app.home, app.config, self._profile, app.signed_in, Permission.CALIBRATE)
         shutil.rmtree(setup.links)  # no session: nobody needs its sockets
-        context = multiprocessing.get_context("spawn")
-        self._pipe, theirs = context.Pipe(duplex=False)
-        self._child = context.Process(target=calibrate_palm, args=(theirs, setup, distance_m), daemon=True)
-        self._child.start()
-        theirs.close()
+        try:
+            self._worker = Worker(calibrate_palm, setup, distance_m)
+        except OSError:
+            self._show(lambda: tr("calibration.died"))
+            raise
         self._show(lambda: tr("calibration.starting"))
 
     def _receive(self, message: Progress | Preview | Calibrated | Reason) -> None:
@@ -162,11 +174,9 @@ class CalibrationScreen(ConsoleScreen):
         self.query_one("#progress", Static).update(progress())
 
     def _end_child(self) -> None:
-        if self._child is not None and self._pipe is not None:
-            self._child.kill()
-            self._child.join()
-            self._pipe.close()
-        self._child = self._pipe = None
+        if self._worker is not None:
+            self._worker.end()
+        self._worker = None
 
 
 def _summary(result: Calibrated) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import multiprocessing
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 from multiprocessing.connection import Connection
@@ -21,12 +20,14 @@ from app.console.screens.dialogs import Lists, Wording
 from app.console.state import SessionState
 from app.console.widgets.gesture import zone_text
 from app.console.widgets.panel import Line, Lines, bar, plain
+from app.console.worker import Worker
 from app.ipc.states import Action
 from app.system.config import Config
 from app.system.operators import Permission
 from app.system.paths import Home
 from app.text.catalogue import render, tr
 from app.voice.signals import VoiceState
+from kgdfa.press_zone import PressZone
 from logs.reason import Reason, reason
 from logs.records import Note
 from profiles.schema import Profile
@@ -40,16 +41,27 @@ _STYLES = {
 }
 
 
+def suggested_m(state: SessionState | None) -> float | None:
+    """The press threshold for this camera and palm, metres; None: the session's suits them, or none does."""
+    report = None if state is None else state.report
+    zone = None if report is None else report.press_zone
+    if report is None or zone is None or not zone.possible or zone.fits(report.threshold_m):
+        return None
+    return zone.threshold_m
+
+
 def check_lines(state: SessionState, key_names: Mapping[str, str]) -> Lines:
     """Two lines a check that is not green, one that is. key_names: how each key of the table is shown."""
     lines: list[Line] = []
     for name, light in results(state).items():
         lines.append(((f" {light.value} ", _STYLES[light]), (tr(f"check.{name}.name"), "bold")))
         if light is not Light.GREEN:
-            lines.append(plain(f"   {tr(f'check.{name}.remedy', **key_names)}", "$text-muted"))
+            none_suits = name == "press_zone" and suggested_m(state) is None
+            remedy = "checks.no_threshold" if none_suits else f"check.{name}.remedy"
+            lines.append(plain(f"   {tr(remedy, **key_names)}", "$text-muted"))
         if name == "processes":
             lines += [
-                plain(f"   {tr('health.ended', name=one.name, restarts=one.restarts)}", "$error")
+                plain(f"   {tr('health.ended', name=one.name, count=one.restarts)}", "$error")
                 for one in state.ended_processes
             ]
     for one in () if state.snapshot is None else state.snapshot.stop_inputs:
@@ -76,6 +88,10 @@ class Checklist(Lists):
         ("p", "preflight", "bind.checklist.preflight"),
     ]
 
+    def __init__(self) -> None:
+        super().__init__()
+        self._suggests = False  # a threshold, as far as the keys are shown
+
     def title_and_text(self) -> tuple[str, str]:
         """In the language of now."""
         return tr("checks.title"), tr("checks.text")
@@ -84,13 +100,20 @@ class Checklist(Lists):
         """Every check as it stands."""
         return () if state is None else check_lines(state, self.console_app.key_names)
 
+    def show_session(self, state: SessionState | None) -> None:
+        super().show_session(state)
+        suggests = suggested_m(state) is not None
+        if suggests != self._suggests:
+            self._suggests = suggests
+            self.refresh_bindings()
+
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002
-        """Rehearsals are for real joints; an observer changes nothing."""
-        live = self.console_app.live
+        """Rehearsals are for real joints, another threshold where one suits better; an observer changes nothing."""
+        app = self.console_app
         if action == "preflight":
-            real = live is not None and live.host.setup.config.joints.kind != "simulated"
-            return real and not self.console_app.read_only
-        return action != "use_threshold" or not self.console_app.read_only
+            real = app.live is not None and app.live.host.setup.config.joints.kind != "simulated"
+            return real and not app.read_only
+        return action != "use_threshold" or (suggested_m(app.live_state()) is not None and not app.read_only)
 
     def action_preflight(self) -> None:
         """Rehearse every action for this patient."""
@@ -101,22 +124,21 @@ class Checklist(Lists):
         """Put the threshold that suits this camera into the profile."""
         state = self.console_app.live_state()
         report = None if state is None else state.report
-        if state is None or report is None or report.press_zone is None or not report.press_zone.possible:
-            self.notify(tr("checks.no_threshold"), severity="warning")
+        if state is None or report is None or report.press_zone is None:
             return
-        threshold_m, camera = report.press_zone.threshold_m, report.camera
+        name, zone, camera = state.setup.profile.identifier, report.press_zone, report.camera
 
         async def adopt() -> None:
             with self.notify_errors():
-                self._adopt(state, threshold_m, camera)
+                self._adopt(name, zone, camera)
 
         await self.console_app.permitted(Permission.CALIBRATE, adopt)
 
-    def _adopt(self, state: SessionState, threshold_m: float, camera: str) -> None:
-        app, name = self.console_app, state.setup.profile.identifier
+    def _adopt(self, name: str, zone: PressZone, camera: str) -> None:
+        app, threshold_m = self.console_app, zone.threshold_m
         now = app.store.load(name)
-        if abs(now.press_threshold_m - threshold_m) < 1e-9:
-            self.notify(tr("checks.threshold_kept", cm=f"{threshold_m * 100:.0f}"))
+        if zone.fits(now.press_threshold_m):  # it was changed since the session began
+            self.notify(tr("checks.threshold_kept", cm=f"{now.press_threshold_m * 100:.0f}"))
             return
         changed = msgspec.structs.replace(now, press_threshold_m=threshold_m)
         app.store.save(changed, by=app.authority, at=datetime.now(UTC), why=ChangeCause.PRESS_ZONE.key)
@@ -138,6 +160,7 @@ class Preflight(Dialog[bool]):
         self._profile = profile
         self._config = config
         self._actions = actions
+        self._worker: Worker | None = None
         self._ended = False
         self._passed = False
         self._progress: Wording = lambda: tr("preflight.starting")
@@ -151,28 +174,27 @@ class Preflight(Dialog[bool]):
 
     def on_mount(self) -> None:
         self.fill()
-        context = multiprocessing.get_context("spawn")
-        self._receiver, sender = context.Pipe(duplex=False)
         home = self.console_app.home.root
-        arguments = (sender, home, self._config, self._profile, self._actions)
-        self._child = context.Process(target=rehearse_all, args=arguments, daemon=True)
-        self._child.start()
-        sender.close()
+        with self.notify_errors():
+            try:
+                self._worker = Worker(rehearse_all, home, self._config, self._profile, self._actions)
+            except OSError:
+                self._end(lambda: tr("preflight.died"))
+                raise
 
     def fill(self) -> None:
         """How far it is, or what came of it."""
         self._show(self._progress)
 
     def on_unmount(self) -> None:
-        self._child.kill()
-        self._child.join()
-        self._receiver.close()
+        if self._worker is not None:
+            self._worker.end()
 
     def show_session(self, state: SessionState | None) -> None:
         super().show_session(state)
         try:
-            while not self._ended and self._receiver.poll():
-                self._take(self._receiver.recv())
+            while not self._ended and self._worker is not None and self._worker.pipe.poll():
+                self._take(self._worker.pipe.recv())
         except EOFError:
             self._end(lambda: tr("preflight.died"))
 

@@ -82,7 +82,7 @@ class CompareScreen(HandKeys):
     def on_mount(self) -> None:
         """Ask for what the second camera sees, once there is one."""
         self.fill()
-        self.set_interval(POLL_S, self._receive)
+        self.every(POLL_S, self._receive)
 
     def fill(self) -> None:
         """Without a second camera there is one picture."""
@@ -136,10 +136,10 @@ class CompareScreen(HandKeys):
             with self.notify_errors():
                 if source:
                     await self._begin(source)
-        if self.is_attached:
-            self._show_second()
-        else:
+        if not self.is_attached:
             self._end_looker()
+        elif self.composed:  # else `fill` does it
+            self._show_second()
 
     async def _begin(self, source: str) -> None:
         """Compare with this camera. Raises CodedError when there is none of this name."""

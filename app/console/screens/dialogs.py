@@ -7,7 +7,7 @@ from typing import Any, ClassVar, Generic, TypeVar
 
 from textual import events
 from textual.app import App, ComposeResult
-from textual.binding import BindingType
+from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.content import Content
 from textual.widgets import Button, Input, OptionList, Static
@@ -19,7 +19,7 @@ from app.console.state import SessionState
 from app.console.widgets.gesture import FINGERS
 from app.console.widgets.health import health_lines
 from app.console.widgets.panel import Lines, Panel, content_of, plain
-from app.console.widgets.patient_details import field_name, local_text
+from app.console.widgets.patient_details import changed_values, field_name, local_text
 from app.ipc.states import ACTION_OF, Action
 from app.outcomes.guided import GuidedTest
 from app.text.catalogue import knows, tr
@@ -69,7 +69,7 @@ class HealthPage(Dialog[None]):
     """What is behind the dot: camera, control, links, joints, in figures for an engineer."""
 
     HELP_PAGE = "health"
-    BINDINGS: ClassVar[list[BindingType]] = [("i", "cancel", "bind.cancel")]
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("i", "cancel", "bind.cancel", id="health")]
 
     def __init__(self, devices: tuple[JointDevice, ...]) -> None:
         super().__init__()
@@ -232,14 +232,10 @@ def history_lines(changes: tuple[Change, ...]) -> Lines:
             )
         )
         lines += [
-            ((f"  {field_name(field)}: ", ""), (f"{_shown(old)} → {_shown(new)}", "bold"))
-            for field, (old, new) in change.changes.items()
+            ((f"  {field_name(field)}{': ' if values else ''}", ""), (" → ".join(values or ()), "bold"))
+            for field, values in changed_values(change.changes).items()
         ]
     return tuple(lines) or (plain(tr("history.none"), "$text-muted"),)
-
-
-def _shown(value: object) -> str:
-    return "–" if value is None else str(value)
 
 
 class AskText(Dialog[str]):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from textual.app import ComposeResult
-from textual.binding import BindingType
+from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
 from textual.content import Content
 from textual.geometry import Size
@@ -83,7 +83,7 @@ class KeyTable(Widget):
 class HelpPage(Dialog[None]):
     """One page of contextual help, and the keys of the screen below."""
 
-    BINDINGS: ClassVar[list[BindingType]] = [("f1", "cancel", "bind.cancel")]
+    BINDINGS: ClassVar[list[BindingType]] = [Binding("f1", "cancel", "bind.cancel", id="help")]
 
     def __init__(self, page: Page) -> None:
         super().__init__()

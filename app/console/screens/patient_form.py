@@ -19,6 +19,7 @@ from app.console.screens.dialogs import ask
 from app.console.widgets.canvas import Canvas
 from app.console.widgets.panel import Lines, content_of
 from app.console.widgets.patient_details import field_name
+from app.console.widgets.text_field import TextField
 from app.text.catalogue import render, tr
 from logs.reason import Reason
 from profiles.anthropometry import estimate_palm
@@ -131,7 +132,7 @@ class PatientForm(ConsoleScreen):
             options = [(tr(one), str(one.value)) for one in field.choices]
             return Select(options, value=text, allow_blank=False, id=field.id, compact=True)
         locked = field.path == "identifier" and not self._new
-        return Input(text, id=field.id, compact=True, max_length=MAX_TYPED, disabled=locked)
+        return TextField(text, id=field.id, compact=True, max_length=MAX_TYPED, disabled=locked)
 
     def _field_changed(self, widget: str | None, value: str) -> None:
         field = next((one for one in FIELDS if one.id == widget), None)

@@ -97,6 +97,9 @@ class PatientsScreen(ConsoleScreen):
         added = self._profiles.keys() - before
         if before and len(added) == 1:  # made just now, and what comes next is meant for this patient
             (self._shown,) = added
+            made = self._profiles[self._shown]
+            if made not in self._found():  # the search was for somebody else; only one by name finds who is archived
+                self._search = self.query_one("#search", Input).value = made.identifier if made.archived else ""
         faults = [error for _, error in listing.broken] + self._read_sessions()
         broken = "\n".join(f"✗ {render(error)}" for error in faults)
         self.query_one("#broken", Static).update(broken)

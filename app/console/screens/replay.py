@@ -70,12 +70,13 @@ class ReplayScreen(ConsoleScreen):
     def on_mount(self) -> None:
         """Draw the moment, and go on while it plays."""
         super().on_mount()
-        self.set_interval(DRAWN_S, self._beat)
+        self.every(DRAWN_S, self._beat)
         self.fill()
 
     def on_resize(self) -> None:
         """Other panels fit."""
-        self.fill()
+        if self.composed:
+            self.fill()
 
     def fill(self) -> None:
         """The panels that fit, at the moment."""
@@ -98,7 +99,7 @@ class ReplayScreen(ConsoleScreen):
 
     def show_moment(self) -> None:
         """Draw everything at the moment."""
-        if not self.is_attached:  # closed meanwhile
+        if not (self.is_attached and self.composed):  # closed meanwhile, or in another language in a moment
             return
         with self.notify_errors():
             playback, at_ns = self._playback, self.at_ns

@@ -17,6 +17,7 @@ from textual.widgets.option_list import Option
 
 from app.console.review_data import ReviewedSession, comments_on, open_session, write_comment
 from app.console.screens.base import ConsoleScreen, Dialog
+from app.console.widgets.text_field import TextField
 from app.console.widgets.timeline import Timeline, about
 from app.system.operators import Permission
 from app.system.paths import Home
@@ -302,7 +303,7 @@ class WriteComment(Dialog[str]):
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog") as box:
             box.border_title = tr("reviewing.comment", number=self._number)
-            yield Input(id="comment", max_length=4000)
+            yield TextField(id="comment", max_length=4000)
         yield from self.compose_bottom()
 
     def keep(self) -> bool:

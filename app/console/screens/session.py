@@ -29,24 +29,24 @@ from app.console.widgets.patient_details import identity
 from app.console.widgets.picture import Picture
 from app.console.widgets.status import DosePanel, EventsPanel, guided_line, status_line
 from app.console.widgets.wearer import FigurePanel, JointsPanel
-from app.ipc.messages import ActiveEvent, OperatorKind
-from app.ipc.states import Action, Effect
+from app.ipc.messages import OperatorKind
+from app.ipc.states import Action
 from app.motion.wearer import Wearer, load_wearer
 from app.outcomes.guided import GuidedStop, GuidedTest
 from app.system.config import load_device
 from app.system.paths import pictures_path
-from app.text.catalogue import render, tr
+from app.text.catalogue import tr
 from logs.records import Recording
 
 DELETED_POLL_S, DELETED_POLLS = 0.1, 50  # the recording deletes pictures within a second
-_ACTS = {"confirm_patient", "toggle_armed", "acknowledge", "act", "torque_off", "record_pictures", "guided_test"}
+_ACTS = {"confirm_patient", "toggle_armed", "act", "record_pictures", "guided_test"}
 
 
 class SessionScreen(HandKeys):
     """Draws the session's state and turns keys into orders; decides nothing itself."""
 
     HELP_PAGE = "session"
-    BINDINGS: ClassVar[list[BindingType]] = [*keys.SESSION, *keys.HAND]
+    BINDINGS: ClassVar[list[BindingType]] = [*keys.SESSION, *keys.DIGITAL_HAND]
 
     def __init__(self) -> None:
         super().__init__()
@@ -111,7 +111,8 @@ class SessionScreen(HandKeys):
             app.sessions.add(summarise(live.state, datetime.now(UTC).isoformat(timespec="seconds")))
 
     def on_events_panel_clicked(self) -> None:
-        self.action_acknowledge()
+        if self.check_action("acknowledge", ()):
+            self.action_acknowledge()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """An observer may look, not act; with a session that has ended nobody does."""
@@ -131,35 +132,11 @@ class SessionScreen(HandKeys):
         armed = state is not None and state.snapshot is not None and state.snapshot.armed
         self._send(OperatorKind.DISARM if armed else OperatorKind.ARM)
 
-    def action_acknowledge(self) -> None:
-        """Ask before an event is acknowledged: leaving a stop takes two deliberate keys."""
-        waiting = self._waiting()
-        if not waiting:
-            self.notify(tr("acknowledge.nothing"))
-            return
-        keys = self.console_app.key_names
-
-        def text() -> str:
-            return "\n".join([*(f"• {render(event.reason)}" for event in waiting), "", tr("acknowledge.text", **keys)])
-
-        ask(self.app, lambda: tr("acknowledge.title"), text, partial(self._acknowledge, waiting))
-
     def action_act(self) -> None:
         """One of the twelve actions, by the therapist's key."""
         state = self.console_app.live_state()
         allowed = state.snapshot.allowed if state is not None and state.snapshot is not None else ()
         self.console_app.push_kept("act", lambda: TherapistAct(allowed), self._chosen)
-
-    def action_torque_off(self) -> None:
-        """After a damping: the joints off, on the operator's word."""
-        state = self.console_app.live_state()
-        snapshot = None if state is None else state.snapshot
-        if snapshot is None or not (snapshot.effect is Effect.DAMP or snapshot.damped):
-            self.notify(tr("torque_off.only_damped"), severity="warning")
-            return
-        torque_off = partial(self._send, OperatorKind.TORQUE_OFF)
-        text = "torque_off.text" if snapshot.enabled else "torque_off.off"  # even so: it opens a silent bus anew
-        ask(self.app, lambda: tr("torque_off.title"), lambda: tr(text), torque_off)
 
     def action_checks(self) -> None:
         """Show the checks."""
@@ -214,19 +191,6 @@ class SessionScreen(HandKeys):
     async def action_end_session(self) -> None:
         """End the session, after asking while drives are powered."""
         await self.console_app.end_session_asking()
-
-    def _waiting(self) -> list[ActiveEvent]:
-        """The events that are not acknowledged."""
-        state = self.console_app.live_state()
-        return [event for event in state.events if not event.acknowledged] if state else []
-
-    def _acknowledge(self, shown: list[ActiveEvent]) -> None:
-        """Control takes all that was raised before: where more waits than was shown, ask again."""
-        known = {(event.event, event.since_ns) for event in shown}
-        if known.issuperset((event.event, event.since_ns) for event in self._waiting()):
-            self._send(OperatorKind.ACKNOWLEDGE)
-        else:
-            self.action_acknowledge()
 
     def _send(self, kind: OperatorKind, action: Action | None = None) -> None:
         if self.console_app.live is not None:

@@ -101,7 +101,7 @@ def _link(link: LinkHealth, now_ns: int) -> list[Part]:
         "health.link_clock",
         offset=f"{link.offset_ns / 1e6:+.1f}",
         uncertainty=f"{link.uncertainty_ns / 1e6:.1f}",
-        steps=link.steps,
+        count=link.steps,
     )
     return [(quality, ""), (clocks, "bold $warning" if link.steps else "")]
 
@@ -109,11 +109,11 @@ def _link(link: LinkHealth, now_ns: int) -> list[Part]:
 def _links(state: SessionState) -> list[Part]:
     found: list[Part] = []
     for process in state.all_processes:
-        text = tr("health.process" if process.alive else "health.ended", name=process.name, restarts=process.restarts)
+        text = tr("health.process" if process.alive else "health.ended", name=process.name, count=process.restarts)
         found.append((text, "" if process.alive else "bold $error"))
     audit = state.audit
     if audit is not None:
-        found.append((tr("health.audit", written=audit.written, waiting=audit.waiting), ""))
+        found.append((tr("health.audit", count=audit.written, waiting=audit.waiting), ""))
         if audit.fault:
             found.append((render(audit.fault), "bold $error"))
     return found

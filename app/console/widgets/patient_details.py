@@ -5,9 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import UTC, datetime
 from enum import Enum
+from typing import Any
 
 from textual.content import Content
 
+from app.console.patient_fields import FIELDS
 from app.console.session_index import SessionRecord
 from app.console.widgets.panel import Line, content_of, plain
 from app.system.vocabulary import VALID_FOR, VocabularyStatus
@@ -83,11 +85,38 @@ def _last(last: SessionRecord | None) -> list[Line]:
 
 def _changed(changes: tuple[Change, ...], last: SessionRecord | None) -> list[Line]:
     since = [change for change in changes if last is None or change.at > last.at]
-    fields = {field: new for change in since for field, (_, new) in change.changes.items()}
+    fields = changed_values({field: values for change in since for field, values in change.changes.items()})
     if last is None or not fields:
         return []
     head = plain(tr("details.changed"), "bold $warning")
-    return [head, *(plain(f"  {field_name(field)} → {new}") for field, new in list(fields.items())[:8])]
+    shown = (f"  {field_name(field)}" + (f" → {values[1]}" if values else "") for field, values in fields.items())
+    return [head, *map(plain, list(shown)[:8])]
+
+
+_ONLY_NAMED = ("calibrations", "evidence")  # lists and tables: a line has no room for what they hold
+_CHOICES = {field.path: field.choices for field in FIELDS if field.choices} | {"vocabulary": Gesture}
+
+
+def changed_values(changes: Mapping[str, tuple[Any, Any]]) -> dict[str, tuple[str, str] | None]:
+    """By field what it was and what it is, in the language in use; None: that it changed is all that is shown."""
+    found: dict[str, tuple[str, str] | None] = {}
+    for field, (old, new) in changes.items():
+        group = field.partition(".")[0]
+        if group in _ONLY_NAMED:
+            found[group] = None
+        else:
+            found[field] = (_value_text(field, old), _value_text(field, new))
+    return found
+
+
+def _value_text(field: str, value: object) -> str:
+    """As the form shows it; what no choice of this version has stands as in the file."""
+    if value is None:
+        return "–"
+    if isinstance(value, bool):
+        return tr("dialog.yes" if value else "dialog.no")
+    named = {one.value: tr(one) for one in _CHOICES.get(field, ())}
+    return " ".join(named.get(part, part) for part in str(value).split(" "))
 
 
 _FILE_UNITS = {"_cm": ("_m", "cm"), "_deg": ("_rad", "°")}  # of a name in the file: the form's, and what is shown

@@ -207,7 +207,7 @@ def about(instant: Instant, comments: list[Comment]) -> Text:
         ("gesture", instant.gesture),
         ("press", "●" if instant.pressed else ""),
         ("effect", instant.effect),
-        ("events", ", ".join(instant.events)),
+        ("events", " ".join(text_of(span.cause, render_recorded) or span.label for span in instant.events)),
     )
     for name, value in rows:
         text.append(f"{tr(f'reviewing.{name}')}: ", "dim")

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Iterator
+from collections.abc import AsyncIterator, Awaitable, Callable, Iterable, Iterator
 from contextlib import AbstractAsyncContextManager, asynccontextmanager
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 from textual.pilot import Pilot
+from textual.screen import Screen
+from textual.widget import Widget
 from textual.widgets import Input
 
 from app.console import live
@@ -79,6 +82,38 @@ async def wait_until(pilot: Pilot[None], condition: Callable[[], object], limit_
                 await pilot.pause(0.01)
     except TimeoutError:
         pytest.fail(f"did not come within {limit_s:g} s; the screen shows:\n{screen_text(pilot.app)}")
+
+
+async def change_language(
+    pilot: Pilot[None], monkeypatch: pytest.MonkeyPatch, meanwhile: Callable[[], Awaitable[None]]
+) -> None:
+    """By its key; meanwhile: what happens when the open screen's widgets are gone and the new ones not there yet."""
+    screen = pilot.app.screen
+    mount = screen.mount_all
+
+    async def mount_later(widgets: Iterable[Widget]) -> None:
+        await meanwhile()
+        await mount(widgets)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(screen, "mount_all", mount_later)
+        await pilot.press("f3")
+
+
+async def three_beats(screen: Screen[Any], period_s: float) -> None:
+    """Until another timer of this screen, of this period, has come at least twice."""
+    seen, over = 0, asyncio.Event()
+
+    def count() -> None:
+        nonlocal seen
+        seen += 1
+        if seen == 3:
+            over.set()
+
+    timer = screen.set_interval(period_s, count)
+    async with asyncio.timeout(LIMIT_S):  # none comes once the application has ended
+        await over.wait()
+    timer.stop()
 
 
 @pytest.fixture(autouse=True)

@@ -7,6 +7,7 @@ from datetime import UTC, datetime
 
 import msgspec
 import pytest
+from textual.events import Paste
 from textual.widgets import Input, Label, Static
 
 from app.console.patient_fields import FIELDS, Kind, parse, to_texts
@@ -24,8 +25,6 @@ from tests.app.console.conftest import Opener
 
 
 async def test_a_megabyte_pasted_breaks_nothing(console: Opener) -> None:
-    from textual.events import Paste
-
     async with console(profile=None) as open_console:
         await open_console.press("n")
         await open_console.shows("New patient")
@@ -35,6 +34,20 @@ async def test_a_megabyte_pasted_breaks_nothing(console: Opener) -> None:
         await open_console.press("ctrl+s")
         await open_console.tells("Not saved")
         assert open_console.app.store.list(archived=True).profiles == (DEMO_PATIENT,)
+
+
+async def test_a_note_of_several_lines_is_pasted_whole_or_refused_with_a_sentence(console: Opener) -> None:
+    async with console() as open_console:
+        app = open_console.app
+        await open_console.press("e")
+        await open_console.shows("After the session")
+        note = app.screen.query_one("#note", Input)
+        app.post_message(Paste("left heel sore\nno stairs\r\nnext time shorter\n"))
+        await open_console.until(lambda: note.value)
+        assert note.value == "left heel sore no stairs next time shorter"
+        app.post_message(Paste("x" * 1960))
+        await open_console.tells("the field would have 2002 characters, at most 2000 fit")
+        assert note.value == "left heel sore no stairs next time shorter"
 
 
 async def test_whatever_is_typed_the_form_reports_what_is_wrong(console: Opener) -> None:

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+import errno
+import os
+from collections.abc import Iterator
+from dataclasses import replace
 from datetime import UTC, datetime
+from multiprocessing import active_children
+from multiprocessing.context import SpawnProcess
 
 import msgspec
 import pytest
@@ -24,12 +30,16 @@ from hal.inputs.device import InputDevice, InputRole
 from hal.joints.device import load_exoskeleton
 from kgdfa.press_zone import PressZone
 from logs.journal import CHANGES
-from profiles.schema import DEMO_PATIENT, DistanceUsed, HandUsed, Profile
+from profiles.palm import Calibrated, reference_segment
+from profiles.schema import DEMO_PATIENT, Calibration, DistanceUsed, HandUsed, Profile
 from profiles.store import ChangeCause, ProfileStore
 from testing.authors import Named, signed_in
 from tests.app.console.conftest import Console, Opener, wait_until
 
 PROCESS_LIMIT_S = 120.0  # an interpreter, camera, hand model or physics, on a machine that tests other things too
+
+
+USABLE = PressZone(followed_from_m=0.21, whole_from_m=0.25, visible_to_m=1.4, threshold_m=0.28, rest_beyond_m=0.34)
 
 
 async def _comes(console: Console, text: str) -> None:
@@ -66,6 +76,63 @@ async def test_a_palm_is_calibrated_before_the_camera_and_kept_with_its_history(
         assert change.why == ChangeCause.CALIBRATED.key
 
 
+FOUND = Calibration(
+    camera="webcam", focal_px=900.0, focal_anchor_px_m=75.0, distance_m=0.30, residual=0.01, calibrated_at="2026-11-27"
+)
+CALIBRATED = Calibrated(calibration=FOUND, reference_m=0.083, expected=reference_segment(DEMO_PATIENT), doubt=None)
+
+
+async def _calibrated_at_30_cm(console: Console) -> CalibrationScreen:
+    """The result is on the screen."""
+    await console.shows("demo")
+    await console.press("c")
+    await console.shows("Enter begins")
+    console.type("measured", "30")
+    await console.press("enter")
+    await console.shows("Opening the camera")
+    screen = console.app.screen
+    assert isinstance(screen, CalibrationScreen)
+    screen._end_child()
+    screen._receive(CALIBRATED)
+    await console.shows("Samples scatter by")
+    return screen
+
+
+async def test_a_calibration_is_kept_only_with_the_distance_that_it_was_made_at(console: Opener, home: Home) -> None:
+    async with console(profile=None) as open_console:
+        screen = await _calibrated_at_30_cm(open_console)
+        open_console.type("measured", "40")
+        await open_console.until(lambda: "Samples scatter by" not in open_console.text())
+        open_console.type("measured", "30")  # what was given up stays so
+        await open_console.press("ctrl+s")
+        await open_console.shows("Nothing to keep yet")
+        assert screen.is_active
+    assert ProfileStore(home.profiles).load("demo").calibrations == ()
+
+
+async def test_another_distance_ends_a_calibration_that_runs(console: Opener) -> None:
+    async with console(profile=None) as open_console:
+        await open_console.shows("demo")
+        await open_console.press("c")
+        await open_console.shows("Enter begins")
+        await open_console.press("enter")
+        await open_console.shows("Opening the camera")
+        before = set(active_children())
+        assert before
+        open_console.type("measured", "40")
+        await open_console.until(lambda: not before & set(active_children()))
+        assert "Opening the camera" not in open_console.text()
+
+
+async def test_another_language_leaves_a_calibration_as_it_is(console: Opener, home: Home) -> None:
+    async with console(profile=None) as open_console:
+        await _calibrated_at_30_cm(open_console)
+        await _follows_the_language(open_console, "calibration.keep")
+        await open_console.press("ctrl+s")
+        await open_console.until(lambda: not isinstance(open_console.app.screen, CalibrationScreen))
+    assert ProfileStore(home.profiles).load("demo").calibrations == (FOUND,)
+
+
 @pytest.mark.parametrize("typed", ["", "abc", "-3", "1e400", "nan", "9" * 500, "😀"])
 async def test_a_calibration_distance_that_is_none_is_reported(console: Opener, typed: str) -> None:
     async with console(profile=None) as open_console:
@@ -89,6 +156,47 @@ async def test_a_journal_that_can_t_be_written_ends_no_calibration_screen(consol
         await open_console.press("enter")
         await open_console.tells(CHANGES)
         assert isinstance(open_console.app.screen, CalibrationScreen)
+
+
+@pytest.fixture
+def no_process() -> Iterator[pytest.MonkeyPatch]:
+    """The computer has no memory for another process."""
+
+    def refuse(_: SpawnProcess) -> None:
+        raise BlockingIOError(errno.EAGAIN, os.strerror(errno.EAGAIN))
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(SpawnProcess, "start", refuse)
+        yield patch
+
+
+async def test_a_calibration_that_can_not_be_started_is_told_and_tried_again(
+    console: Opener, no_process: pytest.MonkeyPatch
+) -> None:
+    async with console(profile=None) as open_console:
+        await open_console.shows("demo")
+        await open_console.press("c")
+        await open_console.shows("Enter begins")
+        for _ in range(2):
+            await open_console.press("enter")
+            await open_console.shows("The calibration ended unexpectedly. Try again.")
+        await open_console.tells(os.strerror(errno.EAGAIN))
+        no_process.undo()
+        await open_console.press("enter")
+        await open_console.shows("Opening the camera")
+        await open_console.press("escape")
+        await open_console.until(lambda: not isinstance(open_console.app.screen, CalibrationScreen))
+
+
+@pytest.mark.usefixtures("no_process")
+async def test_a_rehearsal_that_can_not_be_started_is_told_and_closed(console: Opener) -> None:
+    async with console(profile=None) as open_console:
+        passed: list[bool | None] = []
+        open_console.app.push_screen(Preflight(DEMO_PATIENT, Config(), (Action.SIT_DOWN,)), passed.append)
+        await open_console.shows("The pre-flight stopped unexpectedly. Try again.")
+        await open_console.tells(os.strerror(errno.EAGAIN))
+        await open_console.press("enter")
+        await open_console.until(lambda: passed == [False])
 
 
 async def test_a_rehearsal_runs_beside_the_console_and_is_kept(console: Opener, home: Home) -> None:
@@ -211,16 +319,47 @@ async def test_a_rehearsal_can_be_stopped(console: Opener) -> None:
         await open_console.shows("Begin (Enter)")
 
 
-async def test_the_threshold_that_suits_the_camera_is_one_key_away(console: Opener, home: Home) -> None:
-    zone = PressZone(
-        followed_from_m=0.21,
-        whole_from_m=0.25,
-        visible_to_m=1.4,
-        threshold_m=0.28,
-        rest_beyond_m=0.34,
-    )
+@pytest.mark.parametrize(
+    ("zone", "says"),
+    [
+        (replace(USABLE, followed_from_m=0.15, threshold_m=0.22), "✓ Press threshold suits camera and palm"),
+        (replace(USABLE, followed_from_m=0.40, threshold_m=0.48), "No threshold suits this camera and palm."),
+    ],
+)
+async def test_a_threshold_is_suggested_only_where_one_suits_better(
+    console: Opener, home: Home, zone: PressZone, says: str
+) -> None:
     async with console(size=(130, 40)) as open_console:
         open_console.host.press_zone = zone
+        await open_console.until(lambda: (report := open_console.app.live_session().state.report) and report.press_zone)
+        await open_console.press("s")
+        await open_console.shows(says)
+        assert not [text for text in ("Use suggested threshold", "Press u") if text in open_console.text()]
+        await open_console.press("u")
+        open_console.host.press_zone = USABLE
+        await open_console.shows("u Use suggested threshold")
+        open_console.host.press_zone = zone
+        await open_console.until(lambda: "Use suggested threshold" not in open_console.text())
+    assert ProfileStore(home.profiles).load("demo") == DEMO_PATIENT
+
+
+async def test_a_threshold_that_was_corrected_meanwhile_stays(console: Opener, home: Home) -> None:
+    store = ProfileStore(home.profiles)
+    async with console(size=(130, 40)) as open_console:
+        open_console.host.press_zone = USABLE
+        await open_console.shows("suggested 28 cm (checks)")
+        corrected = msgspec.structs.replace(DEMO_PATIENT, press_threshold_m=0.32)
+        store.save(corrected, by=Named("Eve"), at=datetime.now(UTC))
+        await open_console.press("s")
+        await open_console.shows("! Press threshold suits camera and palm")
+        await open_console.press("u")
+        await open_console.tells("The profile already has 32 cm")
+    assert store.load("demo") == corrected
+
+
+async def test_the_threshold_that_suits_the_camera_is_one_key_away(console: Opener, home: Home) -> None:
+    async with console(size=(130, 40)) as open_console:
+        open_console.host.press_zone = USABLE
         await open_console.shows("suggested 28 cm (checks)")
         await open_console.press("s")
         await open_console.shows("! Press threshold suits camera and palm")

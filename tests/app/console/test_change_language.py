@@ -4,13 +4,17 @@ from __future__ import annotations
 
 from datetime import UTC, datetime
 
+import pytest
 from msgspec.structs import replace
+from textual.containers import VerticalScroll
 from textual.widgets import DataTable, Input, Select, Static
 
 from app.console.app import ConsoleApp
 from app.console.screens.calibration import FARTHEST_CM, NEAREST_CM
+from app.console.screens.dialogs import TherapistAct
 from app.console.screens.patients import PatientsScreen
-from app.console.screens.review import ReviewScreen, WriteComment
+from app.console.screens.review import ChooseSession, ReviewScreen, WriteComment
+from app.ipc.messages import OperatorKind
 from app.system.config import Config
 from app.system.paths import Home
 from app.text.catalogue import ask_language, tr
@@ -72,6 +76,66 @@ async def test_a_note_after_the_session_stays(console: Opener) -> None:
         await opened.press("f3")
         await opened.shows(tr("after.note"))
         assert opened.app.screen.query_one("#note", Input).value == "walked well"
+
+
+async def test_the_next_letter_goes_where_the_last_one_went(console: Opener) -> None:
+    async with console() as opened:
+        await opened.press("e")
+        await opened.shows("After the session")
+        await opened.press(*"tied", "left", "left", "f3")
+        await opened.shows(tr("after.note"))
+        await opened.press("r")
+        assert opened.app.screen.query_one("#note", Input).value == "tired"
+
+
+async def test_a_list_goes_on_at_its_option(console: Opener) -> None:
+    async with console() as opened:
+        await opened.press("t", "down", "down")
+        await opened.shows(tr("act.title"))
+        await opened.press("f3")
+        await opened.shows(tr("act.title"))
+        await opened.press("down", "enter")
+        await opened.until(lambda: opened.host.sent)
+        assert opened.host.sent == [(OperatorKind.ACT, list(TherapistAct.BY_KEY.values())[2])]
+
+
+async def test_the_list_of_sessions_goes_on_too(console: Opener, home: Home) -> None:
+    write_sample(home.root, minutes=1)
+    async with console(profile=None) as opened:
+        app = opened.app
+        await opened.shows("demo")
+        await opened.press("r")
+        await opened.until(lambda: isinstance(app.screen, ChooseSession) and app.screen.composed)
+        await opened.press("f3")
+        await opened.shows(tr("reviewing.choose"))
+        await opened.press("down", "enter")
+        await opened.until(lambda: isinstance(app.screen, ReviewScreen))
+
+
+@pytest.mark.parametrize(("key", "title"), [("s", "checks.title"), ("i", "health.title"), ("f1", "help.title")])
+async def test_what_is_scrolled_by_keys_still_is(console: Opener, key: str, title: str) -> None:
+    async with console() as opened:
+        await opened.press(key)
+        await opened.shows(tr(title))
+        await opened.press("f3")
+        await opened.until(lambda: tr(title).split()[0] in opened.text())
+        assert isinstance(opened.app.screen.focused, VerticalScroll)
+
+
+async def test_a_choice_that_was_open_is_closed_and_can_be_opened_again(console: Opener) -> None:
+    async with console(profile=None) as opened:
+        await opened.shows("demo")
+        await opened.press("enter")
+        await opened.shows("Begin (Enter)")
+        opened.app.screen.query_one("#joints-kind", Select).focus()
+        await opened.press("enter")
+        await opened.until(lambda: opened.app.screen.query_one("#joints-kind", Select).expanded)
+        await opened.press("f3")
+        await opened.shows(tr("start.begin"))
+        again = opened.app.screen.query_one("#joints-kind", Select)
+        assert again.has_focus
+        await opened.press("enter")
+        await opened.until(lambda: again.expanded)
 
 
 async def test_a_reviewed_session_stays_at_its_record(home: Home) -> None:

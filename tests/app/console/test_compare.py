@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 from threading import Event
 
 import pytest
@@ -9,7 +10,7 @@ from msgspec.structs import replace
 from textual.widgets import Input
 
 from app.console.screens import compare
-from app.console.screens.compare import CompareScreen
+from app.console.screens.compare import POLL_S, CompareScreen
 from app.console.widgets.comparison import FrameCount
 from app.ipc.messages import HandCommand, Preview, TriggerReport
 from app.perception.look import CameraSample
@@ -22,7 +23,7 @@ from logs.reason import Reason, reason
 from logs.records import Body, CameraComparison
 from profiles.schema import DistanceUsed
 from testing.fake_host import without_hand
-from tests.app.console.conftest import Console, Opener
+from tests.app.console.conftest import Console, Opener, change_language, three_beats
 
 MS = 1_000_000
 PREVIEW = Preview(sequence=1, captured_ns=1, width_px=4, height_px=2, rgb=bytes(24))
@@ -293,3 +294,42 @@ async def test_a_ruler_that_is_no_distance_stays_to_be_corrected(console: Opener
         await open_console.press("backspace", "enter")
         await open_console.until(lambda: not ruler.has_focus)
         assert open_console.host.hands == []
+
+
+@pytest.mark.usefixtures("looking")
+async def test_another_language_while_a_second_camera_looks(console: Opener, monkeypatch: pytest.MonkeyPatch) -> None:
+    async with console(size=(120, 36)) as open_console:
+        app = open_console.app
+        await open_console.press("v")
+        await choose_second(open_console, "digital-d435i:4@15")
+        await open_console.shows("31.0 cm")
+        (looker,) = FakeLooker.made
+        await change_language(open_console.pilot, monkeypatch, lambda: three_beats(app.screen, POLL_S))
+        await open_console.shows(tr("compare.ruler"))
+        frames = looker.frames
+        await open_console.until(lambda: looker.frames > frames)
+        await open_console.shows("31.0 cm")
+
+
+@pytest.mark.usefixtures("looking")
+async def test_another_language_while_a_second_camera_is_opened(
+    console: Opener, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    may_open = Event()
+
+    def opens(_: object, __: object) -> None:
+        assert may_open.wait(20)
+
+    monkeypatch.setattr(compare, "refuse_same_device", opens)
+    async with console(size=(120, 36)) as open_console:
+        app = open_console.app
+        await open_console.press("v")
+        await choose_second(open_console, "digital-d435i:4@15")
+
+        async def meanwhile() -> None:
+            may_open.set()
+            await asyncio.gather(*(worker.wait() for worker in app.workers if worker.node is app.screen))
+
+        await change_language(open_console.pilot, monkeypatch, meanwhile)
+        await open_console.shows(tr("compare.ruler"))
+        await open_console.shows("31.0 cm")

@@ -6,6 +6,7 @@ import asyncio
 import os
 import threading
 from datetime import UTC, datetime
+from pathlib import Path
 
 import msgspec
 import pytest
@@ -14,6 +15,7 @@ from textual.widgets import Button, Input, Select
 
 from app.console import keys
 from app.console.operator import ConsoleTrail
+from app.console.screens.after import AfterScreen
 from app.console.screens.dialogs import AskText, TherapistAct
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.session import SessionScreen
@@ -244,6 +246,29 @@ async def test_a_session_that_ends_with_the_program_is_in_the_list(console: Open
         await open_console.until(lambda: app._exit)
     (record,) = app.sessions.of("demo")
     assert (record.session, record.steps, record.distance_m) == (open_console.host.setup.session, 120, 36.0)
+
+
+@pytest.mark.parametrize("key", ["ctrl+p", "v"], ids=["palette", "compare"])
+async def test_what_is_open_when_the_legs_have_come_to_rest_puts_no_session_in_the_list_twice(
+    console: Opener, key: str
+) -> None:
+    async with console(size=(120, 36)) as open_console:
+        app, host = open_console.app, open_console.host
+        walk_steps(host, 12)
+        await open_console.until(lambda: (state := app.live_state()) and state.snapshot and state.snapshot.steps)
+        host.rests_at_once = False
+        await open_console.press("e")
+        await open_console.until(lambda: app.live is not None and app.live.ending)
+        await open_console.press(key)
+        await open_console.until(lambda: not isinstance(app.screen, SessionScreen))
+        host.control_ended = True
+        await open_console.until(lambda: isinstance(app.screen, AfterScreen))
+        await open_console.shows("After the session")
+        open_console.type("note", "fell asleep")
+        await open_console.press("ctrl+c")
+        await open_console.until(lambda: app._exit)
+    (record,) = app.sessions.of("demo")
+    assert (record.note, record.steps) == ("fell asleep", 12)
 
 
 @pytest.mark.parametrize("case", ["watched", "left held", "not taken over"])
@@ -529,6 +554,28 @@ async def test_the_cursor_stays_on_its_patient_when_the_list_changes(console: Op
         await open_console.shows("A-2")
         await open_console.press("enter")
         await open_console.shows("Session with demo")
+
+
+@pytest.mark.parametrize("archived", [False, True])
+async def test_the_cursor_goes_to_a_new_patient_whom_the_search_did_not_find(
+    console: Opener, home: Home, tmp_path: Path, archived: bool
+) -> None:
+    """The keys that follow are meant for the one who was made; the search was for somebody else."""
+    store, other = ProfileStore(home.profiles), ProfileStore(tmp_path / "other")
+    for name in ("P-1", "P-2"):
+        store.create(msgspec.structs.replace(DEMO_PATIENT, identifier=name), by=Named(""), at=datetime.now(UTC))
+    made = msgspec.structs.replace(DEMO_PATIENT, identifier="Q-9", archived=archived)
+    other.create(made, by=Named(""), at=datetime.now(UTC))
+    other.export("Q-9", tmp_path / "q.toml")
+    async with console(profile=None, size=(120, 36)) as open_console:
+        await open_console.shows("P-2")
+        await open_console.press("slash", *("P", "minus"), "enter", "down", "i")
+        await open_console.shows("Path of an exported profile")
+        open_console.type("answer", str(tmp_path / "q.toml"))
+        await open_console.press("enter")
+        await open_console.tells("Q-9")
+        await open_console.press("enter")
+        await open_console.shows("Session with Q-9")
 
 
 async def test_states_the_machine_can_be_in_are_all_drawn(console: Opener) -> None:

@@ -257,7 +257,7 @@ def test_what_a_process_that_stays_down_leaves_to_do_is_told(name: str) -> None:
     held_without = without(name, holding(Event.PAUSE_TOO_LONG, Effect.HOLD))
     assert next_step(held_without)[0] == "process_ended"
     assert tr("guide.process_ended", **keys) in text_of(hold_lines(held_without, keys, 76, 20, watching=False))
-    assert tr("health.ended", name=name, restarts=0) in text_of(check_lines(without(name), KEYS))
+    assert tr("health.ended", name=name, count=0) in text_of(check_lines(without(name), KEYS))
 
 
 @pytest.mark.parametrize("name", ["recording", "bus-log"])
@@ -271,7 +271,7 @@ def test_the_next_step_stays_when_a_recorder_ends(name: str) -> None:
     assert health_of(ended) is Health.SLOW
     assert next_step(replace(ended, snapshot=None))[0] == "starting"
     assert (results(ended)["recorders"], results(ended)["processes"]) == (Light.AMBER, Light.GREEN)
-    assert tr("health.ended", name=name, restarts=0) in text_of(check_lines(ended, KEYS))
+    assert tr("health.ended", name=name, count=0) in text_of(check_lines(ended, KEYS))
     assert "recorders" not in results(READY)
 
 

@@ -1,8 +1,9 @@
-"""The lock: after the time, never while legs move."""
+"""The lock: after the time, never while legs move, and never by itself where somebody only watches."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 
 import pytest
 from textual.command import CommandPalette
@@ -12,22 +13,34 @@ from app.console.screens.after import AfterScreen
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.signin import LockScreen
 from app.ipc.messages import OperatorKind
-from app.ipc.states import Action
+from app.ipc.states import Action, Effect, Event
 from app.system.config import Config
-from testing.fake_host import FakeHost
+from testing.fake_host import FakeHost, event
 from tests.app.console.conftest import Console, Opener
 
+Passes = Callable[[float], None]
+NIGHT_S = 8 * 3600.0
 
-@pytest.mark.parametrize(
-    ("limit_s", "now_s", "moving", "locks"),
-    [(10, 9.9, False, False), (10, 10, False, True), (10, 99, True, False), (0, 1e9, False, False)],
-)
-def test_when_it_locks(limit_s: float, now_s: float, moving: bool, locks: bool) -> None:
-    assert Idle(touched_s=0.0, limit_s=limit_s).must_lock(now_s, moving=moving) is locks
+
+@pytest.fixture
+def passes(monkeypatch: pytest.MonkeyPatch) -> Passes:
+    """Lets so many seconds pass by the clock that also counts sleep; all others stand still meanwhile."""
+    read, passed_s = time.clock_gettime, {time.CLOCK_BOOTTIME: 0.0}
+    monkeypatch.setattr(time, "clock_gettime", lambda clock: read(clock) + passed_s.get(clock, 0.0))
+
+    def passes(seconds: float) -> None:
+        passed_s[time.CLOCK_BOOTTIME] += seconds
+
+    return passes
+
+
+@pytest.mark.parametrize(("limit_s", "now_s", "over"), [(10, 9.9, False), (10, 10, True), (0, 1e9, False)])
+def test_when_the_time_is_over(limit_s: float, now_s: float, over: bool) -> None:
+    assert Idle(touched_s=0.0, limit_s=limit_s).is_over(now_s) is over
 
 
 def test_a_touch_starts_the_time_anew() -> None:
-    assert not Idle(touched_s=0.0, limit_s=10).touched(50).must_lock(59, moving=False)
+    assert not Idle(touched_s=0.0, limit_s=10).touched(50).is_over(59)
 
 
 async def test_an_idle_console_locks_stops_and_unlocks(console: Opener) -> None:
@@ -98,13 +111,23 @@ async def test_it_locks_over_a_session_that_could_not_start(console: Opener, mon
         await open_console.until(lambda: isinstance(open_console.app.screen, LockScreen))
 
 
-async def test_a_console_locks_when_its_computer_wakes(console: Opener, monkeypatch: pytest.MonkeyPatch) -> None:
+async def test_a_console_locks_when_its_computer_wakes(console: Opener, passes: Passes) -> None:
     async with console(profile=None) as open_console:
         await open_console.shows("demo")
-        read = time.clock_gettime
-        asleep_s = {time.CLOCK_BOOTTIME: 8 * 3600.0}  # CLOCK_MONOTONIC stands still
-        monkeypatch.setattr(time, "clock_gettime", lambda clock: read(clock) + asleep_s.get(clock, 0.0))
+        passes(NIGHT_S)
         await open_console.until(lambda: isinstance(open_console.app.screen, LockScreen))
+
+
+async def test_a_control_that_wakes_later_delays_the_lock_only_so_long(console: Opener, passes: Passes) -> None:
+    async with console() as open_console:
+        app, host = open_console.app, open_console.host
+        host.silent = True
+        await open_console.until(lambda: (state := app.live_state()) and not state.snapshot_fresh)
+        passes(NIGHT_S)
+        await _beat(open_console)  # as far as the console knows, the legs may move
+        assert not isinstance(app.screen, LockScreen)
+        host.silent = False
+        await open_console.until(lambda: isinstance(app.screen, LockScreen))
 
 
 async def test_who_stops_the_legs_sees_them_afterwards(console: Opener) -> None:
@@ -118,23 +141,54 @@ async def test_who_stops_the_legs_sees_them_afterwards(console: Opener) -> None:
         assert not isinstance(app.screen, LockScreen)
 
 
-async def test_an_observers_console_locks_once_nothing_moves_any_more(console: Opener) -> None:
+async def test_a_hold_in_the_middle_of_a_walk_stays_in_sight_for_the_whole_time(
+    console: Opener, passes: Passes
+) -> None:
+    async with console(config=Config(idle_lock_s=1000.0)) as open_console:
+        app, host = open_console.app, open_console.host
+        await _walk(open_console)
+        for _ in range(3):  # nobody touches a key: the patient walks by gestures
+            passes(900.0)
+            await _beat(open_console)
+        host.walked, host.effect = {}, Effect.HOLD
+        host.events = (event(Event.FOLLOWING_LIMIT, Effect.HOLD, time.monotonic_ns(), angle_rad=0.2),)
+        await open_console.until(lambda: (state := app.live_state()) and state.effect is Effect.HOLD)
+        passes(900.0)
+        await _beat(open_console)
+        await open_console.shows("HELD")
+        assert not isinstance(app.screen, LockScreen)
+        passes(100.0)
+        await open_console.until(lambda: isinstance(app.screen, LockScreen))
+
+
+async def test_an_observers_console_never_locks_by_itself(console: Opener, passes: Passes) -> None:
     async with console(read_only=True) as open_console:
         app, host = open_console.app, open_console.host
-        await _walk_unwatched(open_console)
+        passes(NIGHT_S)
+        await _beat(open_console)
         assert not isinstance(app.screen, LockScreen)
         host.control_ended = host.silent = True
-        await open_console.until(lambda: isinstance(app.screen, LockScreen))
+        await open_console.until(lambda: (state := app.live_state()) and not state.snapshot_fresh)
+        await _beat(open_console)
+        assert not isinstance(app.screen, LockScreen)
+
+
+async def _walk(open_console: Console) -> None:
+    open_console.host.walked = {"action": Action.WALK, "progress": 0.2}
+    await open_console.until(lambda: (state := open_console.app.live_state()) and state.moving)
 
 
 async def _walk_unwatched(open_console: Console) -> None:
     """The legs move, and the last touch was before the time after which the console locks."""
-    app = open_console.app
-    open_console.host.walked = {"action": Action.WALK, "progress": 0.2}
-    await open_console.until(lambda: (state := app.live_state()) and state.moving)
+    await _walk(open_console)
     _touched(open_console, ago_s=11.0)
+    await _beat(open_console)
+
+
+async def _beat(open_console: Console) -> None:
+    """The session has been looked at once more, with all that goes with it."""
     since_ns = time.monotonic_ns()
-    await open_console.until(lambda: (state := app.live_state()) and state.now_ns > since_ns)
+    await open_console.until(lambda: (state := open_console.app.live_state()) and state.now_ns > since_ns)
 
 
 def _touched(open_console: Console, *, ago_s: float) -> None:

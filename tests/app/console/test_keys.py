@@ -2,22 +2,42 @@
 
 from __future__ import annotations
 
+import pkgutil
+from collections import Counter
+from collections.abc import Iterator
+from importlib import import_module
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
+from textual.binding import Binding
+from textual.screen import Screen
 
-from app.console import keys
+from app.console import keys, screens
 from app.console.screens import base
-from app.console.screens.base import SHAPE_SHOWN_S
+from app.console.screens.base import SHAPE_SHOWN_S, ConsoleScreen, Dialog, HandKeys
+from app.console.screens.dialogs import HealthPage
+from app.console.screens.help import HelpPage
+from app.console.screens.session import SessionScreen
 from app.ipc.messages import OperatorKind
+from app.ipc.states import Effect
 from app.system.config import Config
-from app.system.errors import AppError
+from app.system.errors import AppError, ConsoleFault
+from app.text.catalogue import tr
 from kgdfa.gesture import Gesture
+from profiles.schema import DEMO_PATIENT, Profile
 from tests.app.console.conftest import Opener
 
 
 def test_the_built_in_keys_do_not_collide() -> None:
     keys.check_keymap({})
+
+
+def test_the_first_letter_of_each_gesture_is_free_for_its_key() -> None:
+    places = (*keys.EVERYWHERE, *keys.SESSION, *keys.DIGITAL_HAND)
+    taken = Counter(key for binding in places for key in binding.key.split(","))
+    shared = [gesture.value for gesture in Gesture if taken[gesture.value[0]] > 1]
+    assert not shared, "a gesture's key is its value's first letter: rename it, kgdfa/gesture.py, or move the other key"
 
 
 def test_an_unknown_name_is_refused_with_those_that_exist() -> None:
@@ -28,6 +48,89 @@ def test_an_unknown_name_is_refused_with_those_that_exist() -> None:
 def test_one_key_for_two_things_is_refused() -> None:
     with pytest.raises(AppError, match="KEY_TAKEN key=a "):
         keys.check_keymap({"confirm": "a"})
+
+
+@pytest.mark.parametrize(
+    ("name", "key", "refused"),
+    [
+        *(("stop", f"space,{key}", key) for key in ("y", "u", "escape", "tab", "5")),
+        ("lock", "ctrl+s", "ctrl+s"),
+        ("lock", "f6", "f6"),
+        ("help", "f5", "f5"),
+        ("help", "ctrl+p", "ctrl+p"),
+        ("arm", "ctrl+p", "ctrl+p"),
+        ("hand.rest", "tab", "tab"),
+        ("acknowledge", "escape", "escape"),
+    ],
+)
+def test_a_key_that_a_screen_needs_itself_is_refused(name: str, key: str, refused: str) -> None:
+    free = {"hand.five": "f9"} if refused == "5" else {}
+    with pytest.raises(AppError) as raised:
+        keys.check_keymap({name: key, **free})
+    assert raised.value.code is ConsoleFault.KEY_RESERVED
+    assert raised.value.values == {"key": refused, "name": name}
+
+
+def test_a_key_of_a_screen_that_is_never_open_with_it_is_free() -> None:
+    keys.check_keymap({"arm": "f5", "patients.order": "tab", "hand.two": "2"})
+
+
+def test_the_keys_that_screens_bind_themselves_are_those_that_nobody_else_may_have() -> None:
+    for module in pkgutil.iter_modules(screens.__path__):
+        import_module(f"{screens.__name__}.{module.name}")
+    of_screens = {key for kind in (ConsoleScreen, Dialog) for screen in _kinds(kind) for key in _bound_by(screen)}
+    assert of_screens == keys.OF_SCREENS
+    assert {key for screen in _kinds(HandKeys) for key in _bound_by(screen)} == keys.BESIDE_HAND
+
+
+def _kinds(kind: type[Screen[Any]]) -> Iterator[type[Screen[Any]]]:
+    yield kind
+    for below in kind.__subclasses__():
+        yield from _kinds(below)
+
+
+def _bound_by(screen: type[Screen[Any]]) -> set[str]:
+    """What it takes that the configuration does not remap."""
+    bound = Binding.make_bindings(screen.__dict__.get("BINDINGS", ()))
+    remapped = {binding.id for binding in keys.ALL}
+    return {binding.key for binding in bound if binding.id not in remapped} | set(getattr(screen, "BY_KEY", ()))
+
+
+@pytest.mark.parametrize(("name", "key", "page"), [("help", "f12", HelpPage), ("health", "j", HealthPage)])
+async def test_a_page_closes_by_the_remapped_key_that_opens_it(
+    console: Opener, name: str, key: str, page: type[Dialog[None]]
+) -> None:
+    async with console(config=Config(keys={name: key})) as open_console:
+        for _ in range(2):
+            await open_console.press(key)
+            await open_console.until(lambda: isinstance(open_console.app.screen, page))
+            await open_console.press(key)
+            await open_console.until(lambda: isinstance(open_console.app.screen, SessionScreen))
+
+
+@pytest.mark.parametrize(
+    ("profile", "opening"),
+    [(None, "t"), (None, "g"), (DEMO_PATIENT, "v")],
+    ids=["training", "enrolment", "comparison"],
+)
+async def test_the_keys_that_the_stop_bar_names_work_wherever_it_stands_below_a_picture(
+    console: Opener, profile: Profile | None, opening: str
+) -> None:
+    async with console(profile=profile) as open_console:
+        app = open_console.app
+        await open_console.press(opening)
+        await open_console.until(lambda: isinstance(app.screen, HandKeys) and not isinstance(app.screen, SessionScreen))
+        await open_console.until(lambda: (state := app.live_state()) and state.snapshot)
+        open_console.host.walked = {"enabled": True}
+        open_console.host.effect = Effect.HOLD
+        open_console.host.send(OperatorKind.STOP)
+        await open_console.shows("LEGS DAMPED ■ k: acknowledge · o: joints off")
+        for key, title in (("o", "torque_off.title"), ("k", "acknowledge.title")):
+            await open_console.press(key)
+            await open_console.shows(tr(title))
+            await open_console.press("y")
+        await open_console.until(lambda: OperatorKind.ACKNOWLEDGE in open_console.host.kinds())
+        assert OperatorKind.TORQUE_OFF in open_console.host.kinds()
 
 
 async def test_a_remapped_stop_key_stops(console: Opener) -> None:

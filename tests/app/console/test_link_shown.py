@@ -62,6 +62,22 @@ def test_figures_of_the_link_are_on_the_health_page() -> None:
     assert "exo.local" not in text_of(folded())
 
 
+@pytest.mark.parametrize(
+    ("count", "shown"),
+    [
+        (1, ("stepped 1 time\n", "planner: running, restarted 1 time\n", "1 record written, 3 waiting")),
+        (2, ("stepped 2 times\n", "planner: running, restarted 2 times\n", "2 records written, 3 waiting")),
+    ],
+)
+def test_what_happened_once_is_told_as_one(count: int, shown: tuple[str, ...]) -> None:
+    state = folded(link=with_fields(LINK, steps=count))
+    planner = ProcessStatus(name="planner", pid=9, alive=True, exit_code=None, restarts=count)
+    assert state.audit is not None
+    audit = with_fields(state.audit, written=count, waiting=3)
+    text = text_of(replace(state, processes=(*state.processes, planner), audit=audit))
+    assert [part for part in shown if part not in text] == []
+
+
 def test_a_process_that_ended_on_the_other_computer_is_bad() -> None:
     ended = ProcessStatus(name="guardian", pid=1, alive=False, restarts=0, exit_code=1)
     assert health_of(folded(link=LINK)) is not Health.BAD

@@ -185,6 +185,19 @@ async def test_the_bar_reports_that_stop_is_elsewhere(console: Opener) -> None:
         assert open_console.host.sent == []
 
 
+async def test_a_click_on_what_happened_asks_an_observer_nothing(console: Opener) -> None:
+    async with console(read_only=True, size=(120, 36)) as open_console:
+        app, host = open_console.app, open_console.host
+        host.send(OperatorKind.STOP)
+        host.sent.clear()
+        await open_console.shows("The therapist acknowledges")
+        session = app.screen
+        await open_console.pilot.click("#hold")
+        await open_console.press("y")
+        assert app.screen is session
+        assert host.sent == []
+
+
 async def test_the_bar_does_not_show_what_an_ended_control_said_last(console: Opener) -> None:
     async with console(read_only=True) as open_console:
         app, host = open_console.app, open_console.host

@@ -30,8 +30,8 @@ from app.console.widgets.patient_details import (
 from app.system.paths import Home
 from app.system.vocabulary import VocabularyStatus
 from app.text.catalogue import use_language
-from profiles.schema import DEMO_PATIENT, Calibration
-from profiles.store import Change, ProfileStore
+from profiles.schema import DEMO_PATIENT, Calibration, GestureUsed, HandUsed, Profile
+from profiles.store import Change, ProfileStore, differences
 from testing.authors import Named
 from tests.app.console.conftest import Opener
 from tests.app.system.test_vocabulary_status import ENROLLED
@@ -111,6 +111,47 @@ def test_days_and_times_are_those_of_the_computers_zone(
 
 def test_a_time_that_is_none_stands_in_the_history_as_it_is() -> None:
     assert history_lines((Change(at="some day", by="Bea", changes={}),))[0][0][0] == "some day  Bea"
+
+
+def _shown_changes(after: Profile) -> tuple[str, str]:
+    """In the history, and beside the list."""
+    change = Change(at="2026-05-20T10:00:00+00:00", by="Bea", changes=differences(DEMO_PATIENT, after))
+    last = SessionRecord(session="S", patient="demo", at="2026-05-19T10:00:00+00:00")
+    lines = ("".join(text for text, _ in line) for line in history_lines((change,))[1:])
+    return "\n".join(lines), str(describe(DEMO_PATIENT, (change,), (last,), NOW))
+
+
+@pytest.mark.parametrize(
+    ("language", "hand", "archived", "vocabulary"),
+    [
+        ("en", ("Hand used", "right → left", "left"), ("Archived", "No → Yes", "Yes"), "0 1 love"),
+        ("zh", ("用手", "右 → 左", "左"), ("已归档", "否 → 是", "是"), "0 1 love"),
+    ],
+)
+def test_a_change_is_told_in_the_words_of_the_form(
+    language: str, hand: tuple[str, str, str], archived: tuple[str, str, str], vocabulary: str
+) -> None:
+    use_language(language)
+    gestures = (GestureUsed.ZERO, GestureUsed.ONE, GestureUsed.LOVE)
+    fields = {"hand": HandUsed.LEFT, "archived": True, "vocabulary": gestures, "note": "left side  weak"}
+    history, details = _shown_changes(msgspec.structs.replace(DEMO_PATIENT, **fields))
+    for name, change, new in (hand, archived):
+        assert f"  {name}: {change}" in history.splitlines()
+        assert f"  {name} → {new}" in details.splitlines()
+    assert f"→ {vocabulary}\n" in history
+    assert "→ left side  weak" in history
+
+
+def test_a_calibration_and_an_enrolment_are_named_without_their_figures() -> None:
+    calibration = Calibration(
+        camera="webcam", focal_anchor_px_m=36.0, focal_px=600.0, distance_m=0.36, residual=0.01, calibrated_at="now"
+    )
+    history, details = _shown_changes(msgspec.structs.replace(ENROLLED, calibrations=(calibration,)))
+    for name in ("Calibrations of the palm", "Evidence of the gestures"):
+        assert history.splitlines().count(f"  {name}") == 1
+        assert details.splitlines().count(f"  {name}") == 1
+    assert "webcam" not in history
+    assert "600" not in history + details
 
 
 @pytest.mark.parametrize(

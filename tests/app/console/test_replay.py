@@ -12,7 +12,7 @@ from textual.pilot import Pilot
 
 from app.console.app import ConsoleApp
 from app.console.screens.patients import PatientsScreen
-from app.console.screens.replay import ReplayScreen, replay_of
+from app.console.screens.replay import DRAWN_S, ReplayScreen, replay_of
 from app.console.screens.review import ReviewScreen
 from app.console.widgets.panel import Panel
 from app.console.widgets.replay_view import ReplayView
@@ -28,7 +28,7 @@ from logs.explain.text import lines
 from logs.read import records
 from logs.records import Record
 from testing.fake_host import screen_text
-from tests.app.console.conftest import wait_until
+from tests.app.console.conftest import change_language, three_beats, wait_until
 from tests.support.recorded_session import lived
 
 SIZES = ((80, 24), (120, 36), (200, 50))
@@ -156,6 +156,25 @@ async def test_it_plays_by_the_clock_and_stops_at_the_end(home: Home) -> None:
         await wait_until(pilot, lambda: not screen.playing)
         assert screen.at_ns == playback.end_ns
         assert screen.query_one("#replay-status", Panel).text.startswith(f" {tr('replay.title')}  ■")
+
+
+async def test_another_language_while_it_plays(home: Home, monkeypatch: pytest.MonkeyPatch) -> None:
+    now_ns = 0
+    playback, legs, begin_ns = replay_of(home.logs / "s.mcap", None)
+    async with review(home, (120, 36)) as pilot:
+        screen = ReplayScreen(playback, legs, begin_ns, now=lambda: now_ns)
+        await pilot.app.push_screen(screen)
+        await pilot.press("enter")
+
+        async def meanwhile() -> None:
+            screen.call_later(screen.show_moment)  # as a size and another language just before do
+            await three_beats(screen, DRAWN_S)
+
+        await change_language(pilot, monkeypatch, meanwhile)
+        await wait_until(pilot, lambda: tr("replay.close") in screen_text(pilot.app))
+        now_ns += 2_000_000_000
+        await wait_until(pilot, lambda: screen.at_ns == begin_ns + 2_000_000_000)
+        assert screen.playing
 
 
 async def test_a_session_without_a_recording_says_how_to_record(home: Home, tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from app.console.widgets.timeline import LANES, Timeline, about
 from app.ipc.states import Event, GaitState
 from app.system.config import Config
 from app.system.paths import Home
-from app.text.catalogue import render
+from app.text.catalogue import render, use_language
 from logs.comments import comments_path
 from logs.disk import Disk
 from logs.errors import AuditError, AuditFault
@@ -275,6 +275,21 @@ async def test_recorded_states_are_told_in_the_language_in_use(home: Home, sessi
         assert "状态: 站立" in about(session.instant(session.index_at(standing.begin_s)), []).plain
         widths = {timeline.render_line(lane).cell_length for lane in range(len(LANES))}
         assert widths == {timeline.size.width}
+
+
+def test_the_events_of_a_moment_are_told_in_the_language_in_use(tmp_path: Path) -> None:
+    bodies: list[Body] = [
+        EventRaised(event="following-limit", effect="hold", text=reason(Event.FOLLOWING_LIMIT, angle_rad=0.2)),
+        EventRaised(event="from-the-future", effect="note", text=None),
+    ]
+    written(tmp_path, [("control", (number + 1) * 1_000_000_000, body) for number, body in enumerate(bodies)])
+    session = open_session(tmp_path / "logs" / "s.jsonl")
+    for language in ("en", "zh"):
+        use_language(language)
+        shown = about(session.instant(len(session) - 1), []).plain
+        assert render(reason(Event.FOLLOWING_LIMIT, angle_rad=0.2)) in shown
+        assert "from-the-future" in shown
+        assert "following-limit" not in shown
 
 
 def test_a_records_reason_is_told_in_words(session: ReviewedSession) -> None:

@@ -78,6 +78,23 @@ async def test_a_reviewer_signs_in_by_key_and_changes_no_patient(console: Opener
     assert signed_in == SignIn(name="Rex", role="reviewer", unlocked=False)
 
 
+async def test_who_can_not_sign_in_or_out_here_is_told_where(console: Opener, home: Home) -> None:
+    save_store(home.keys, add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN))
+    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
+        await open_console.shows("demo")
+        await open_console.press("n")
+        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
+        await open_console.press("f4")
+        await open_console.tells("sign in from the list of patients")
+        await open_console.press("escape")
+        await _begin_as(open_console, "Ada", PIN)
+        await open_console.until(lambda: (state := open_console.app.live_state()) and state.snapshot)
+        await open_console.press("e")
+        await open_console.until(lambda: isinstance(open_console.app.screen, AfterScreen))
+        await open_console.press("f4")
+        await open_console.tells("save note and ratings (Ctrl-S), then sign out")
+
+
 async def test_a_patient_is_changed_by_who_signs_in_for_it(console: Opener, home: Home) -> None:
     store = add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN)
     save_store(home.keys, add_operator(store, "Ben", Role.THERAPIST, PIN))

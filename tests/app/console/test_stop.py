@@ -8,6 +8,7 @@ from dataclasses import replace
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from textual.command import CommandPalette
 
 from app.console.screens.dialogs import Question
 from app.console.stop import DOUBLE_CLICK_NS, REPEAT_BEGINS_NS, REPEAT_GAP_NS, Press, StopKeyState, click, press
@@ -95,6 +96,21 @@ async def test_stop_works_while_text_is_typed_into_the_palette(console: Opener) 
         await open_console.press("ctrl+p", "w", "a")
         await open_console.press("space")
         assert open_console.host.kinds()[-1] is OperatorKind.STOP
+
+
+async def test_below_the_palette_the_session_goes_on_showing_what_stop_did(console: Opener) -> None:
+    async with console(size=(120, 36)) as open_console:
+        app, host = open_console.app, open_console.host
+        await open_console.press("c", "y", "a", "t", "0")
+        await open_console.shows(" ARMED  standing")
+        await open_console.press("ctrl+p", "w", "space")
+        await open_console.shows("HELD")
+        await open_console.shows("ARMED, PAUSED")
+        await open_console.until(lambda: time.monotonic_ns() - app.switch.sent_ns > REPEAT_BEGINS_NS)
+        await open_console.press("space")
+        await open_console.until(lambda: host.kinds().count(OperatorKind.STOP) == 2)
+        await open_console.shows("LEGS DAMPED")
+        assert isinstance(app.screen, CommandPalette)
 
 
 async def test_a_second_press_damps_and_leaving_takes_two_deliberate_keys(console: Opener) -> None:
