@@ -200,7 +200,7 @@ def zero(
 ) -> None:
     """Set a joint's zero at its present pose. You confirm twice; the joint must be still and disabled."""
     from hal.joints.can.driver import SocketCanJoints
-    from hal.joints.can.lifecycle import LOSE_ZERO, request_zero, set_zero
+    from hal.joints.can.zero import request_zero, set_zero
 
     by = sign_in(home, Permission.CONFIGURE)
     wanted = _joint(joint)
@@ -216,7 +216,7 @@ def zero(
             permit = partial(by.change, Permission.CONFIGURE, Subject.JOINT, wanted.name.lower(), values)
             angle_rad = set_zero(joints, request, typer.prompt(question), permit)
             typer.echo(tr("can.zero_done", angle_rad=angle_rad))
-            if joints.drives[wanted].model.protocol in LOSE_ZERO:
+            if joints.drives[wanted].codec.traits.loses_zero:
                 typer.echo(tr("can.zero_temporary"))
         finally:
             joints.close(time.monotonic_ns())

@@ -18,18 +18,12 @@ from app.diagnostics.findings import Finding, bad, good, note
 from hal.errors import HardwareError
 from hal.joints.can.bus import open_bus, remedy_command
 from hal.joints.can.scan import FoundDrive, listen, scan
+from hal.joints.codecs import CODECS
 from hal.joints.device import BusDevice, Exoskeleton
-from hal.joints.motors import WireProtocol, load_motors
+from hal.joints.motors import load_motors
 from hal.joints.protocol import Joint
 from logs.reason import reason, reason_of
 
-_PROTOCOL_NAMES = {
-    WireProtocol.MIT: "MIT (AK V1/V2, bgkatz)",
-    WireProtocol.DAMIAO: "Damiao",
-    WireProtocol.CYBERGEAR: "CyberGear",
-    WireProtocol.AK_V3: "AK V3 / servo",
-    WireProtocol.SERVO: "AK V3 / servo",
-}
 _SHORT_QUEUE = 50  # frames; the kernel's default of 10 gives "No buffer space available" at the first hiccup
 
 
@@ -195,7 +189,7 @@ def evaluate_drives(
     answered = {(drive.protocol, drive.drive_id): drive for drive in found}
     ids = Counter(made.can_id for _, made in joints)
     for joint, made in joints:
-        protocol = _PROTOCOL_NAMES[table.find(made.motor).protocol]
+        protocol = CODECS[table.find(made.motor).protocol].traits.scan_name
         drive = answered.pop((protocol, made.can_id), None)
         if ids[made.can_id] > 1:
             yield bad(joint, reason(F.SHARED_ID_IN_DEVICE, can_id=made.can_id), reason(R.CORRECT_CAN_ID))

@@ -24,7 +24,7 @@ def make_joints(
     interface: str = "",
     channel: str = "",
 ) -> Joints:
-    """A driver that isn't open yet; `interface` and `channel` override the device's bus.
+    """A session's driver that isn't open yet; `interface` and `channel` override the device's bus.
 
     `simulated` needs a body, which has come to rest in the harness.
     Raises HardwareError for an unknown kind, a missing body or a device that the motor table can't serve.
@@ -36,7 +36,7 @@ def make_joints(
 
         device = with_bus(device, interface, channel)
         driver = EmulatedCanJoints if may_be_emulated(device) else SocketCanJoints
-        return driver(device, motors=motors)
+        return driver(device, motors=motors, damp_first=True)
     if kind == "simulated":
         if body is None:
             raise HardwareError(DeviceFault.NO_BODY)

@@ -66,10 +66,8 @@ def _check_load(bus: BusDevice, drives: list[Drive]) -> None:
         raise HardwareError(DeviceFault.BUS_OVERLOADED, **values)
 
 
-# Commanded by standard identifiers: what is on its own, such a drive takes for a command, whoever sent it
-# (bgkatz/motorcontrol stm32f4xx_it.c). At rest a reply reads as the full stiffness towards a far angle.
-_STANDARD = frozenset({WireProtocol.MIT, WireProtocol.DAMIAO})
-_REPLYING_STANDARD = _STANDARD | {WireProtocol.AK_V3}  # of which early firmware has the reply of V2
+# What is on its own standard identifier a drive takes for a command, whoever sent it (bgkatz/motorcontrol
+# stm32f4xx_it.c). At rest a reply reads as the full stiffness towards a far angle.
 _Identifier = tuple[WireProtocol | None, int]  # None: a standard one; extended ones of two protocols never meet
 
 
@@ -82,8 +80,8 @@ def _check_identifiers(drives: list[Drive]) -> None:
 
 
 def _own(drive: Drive) -> _Identifier:
-    protocol = drive.model.protocol
-    return (None if protocol in _STANDARD else protocol), drive.device.can_id
+    commanding = drive.codec.command(drive.device.can_id, NEUTRAL)
+    return (drive.model.protocol, drive.device.can_id) if commanding.extended else (None, commanding.arbitration_id)
 
 
 def _obeyed(drive: Drive) -> set[_Identifier]:
@@ -92,4 +90,4 @@ def _obeyed(drive: Drive) -> set[_Identifier]:
 
 
 def _replied(drive: Drive) -> set[_Identifier]:
-    return {(None, drive.device.reply_id)} if drive.model.protocol in _REPLYING_STANDARD else set()
+    return {(None, drive.device.reply_id)} if drive.codec.traits.standard_replies else set()

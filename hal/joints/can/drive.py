@@ -49,8 +49,8 @@ class Drive:
 
     def command(self, target: SetPoint, now_ns: int) -> Frame:
         """The frame for a set-point at the joint."""
-        if self.latched is not DriveFault.NONE and self.model.protocol is WireProtocol.AK_V3:
-            # this firmware has no enable: any stiff command would restart a drive that has faulted
+        if self.latched is not DriveFault.NONE and self.codec.traits.enabled_by_command:
+            # any stiff command would restart a drive that has faulted
             target = target._replace(stiffness_nm_rad=0.0, torque_nm=0.0)
         return self.ask(self.codec.command(self.device.can_id, self.transmission.to_motor(target)), now_ns)
 
@@ -106,7 +106,7 @@ class Router:
         for drive in drives:
             protocol, drive_id = drive.model.protocol, drive.device.can_id
             self._by_drive.setdefault(protocol, (drive.codec, {}))[1][drive.reply_number] = drive
-            if protocol is not WireProtocol.SERVO:  # read-only
+            if not drive.codec.traits.read_only:
                 commanding = drive.codec.command(drive_id, NEUTRAL)
                 self._commands[(commanding.arbitration_id, commanding.extended)] = drive
             # a Damiao drive with a master ID of its own is known by it: data[0] has only four bits of the ID

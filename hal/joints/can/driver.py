@@ -32,9 +32,13 @@ POLL_NS = 20_000_000  # how often drives without power are asked where they are:
 class SocketCanJoints:
     """The Joints Protocol on one or more CAN buses."""
 
-    def __init__(self, device: Exoskeleton, *, motors: Path | None = None) -> None:
-        """Raises HardwareError when the motor table or the bus can't carry this device."""
+    def __init__(self, device: Exoskeleton, *, motors: Path | None = None, damp_first: bool = False) -> None:
+        """damp_first: a wearer may be held by what a dead session left on, so damp it before the first probe.
+
+        Raises HardwareError when the motor table or the bus can't carry this device.
+        """
         self.device = device
+        self._damp_first = damp_first
         self.drives = drives_of(device, motors)
         check_description(device, self.drives)
         self._state = DriveState.UNCONFIGURED
@@ -62,6 +66,8 @@ class SocketCanJoints:
             drive.range_check = RangeCheck()
         try:
             self._open_ports(now_ns)
+            if self._damp_first and self._state is DriveState.UNCONFIGURED:  # later they have been off
+                lifecycle.damp_left_on(self)
             lifecycle.probe(self)
             self._unasked = frozenset(joint for joint in Joint if joint not in self.questions)
         except HardwareError:

@@ -1,12 +1,10 @@
-"""From unconfigured to enabled and back, and setting a zero: each step is confirmed by the drives' replies."""
+"""From unconfigured to enabled and back: each step is confirmed by the drives' replies."""
 
 from __future__ import annotations
 
 import math
-import secrets
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from hal.errors import DrivesFault, HardwareError
@@ -14,15 +12,35 @@ from hal.joints.can.drive import Drive
 from hal.joints.codecs import damiao, mit
 from hal.joints.codecs.wire import NEUTRAL, Order, SetPoint, WireQuantity
 from hal.joints.motors import ReplyLayout, WireProtocol
-from hal.joints.protocol import DriveFault, DriveState, Joint
+from hal.joints.protocol import DriveFault, DriveState
 
 if TYPE_CHECKING:
     from hal.joints.can.driver import SocketCanJoints
 
 _REPLY_TIMEOUT_S = 0.15  # a drive answers within a millisecond; a busy host needs the rest
 ATTEMPTS = 3
+_LEFT_ON_DAMPING_S = 0.3  # as long as control's ramp to damping
+# Drives with a watchdog of their own go limp without commands, the mini-cheetah's after 25 ms. More often, and their
+# replies would vote on the ranges: at this rate too coarse for it (`reply_checks`).
+_LEFT_ON_PERIOD_S = 0.02
 
 Request = Callable[["SocketCanJoints", Drive], bool]  # whether the bus took it
+
+
+def damp_left_on(joints: SocketCanJoints) -> None:
+    """Damp what a dead session may have left stiff: the probe takes the torque off.
+
+    Not drives that any set-point would power. Others that are off stay off, and need not answer; but what one answers
+    is waited for: held up, it would look like the answer to the probe's first questions.
+    """
+    drives = [drive for drive in joints.drives if not drive.codec.traits.enabled_by_command]
+    before = {drive.joint: drive.replies for drive in drives}
+    times = round(_LEFT_ON_DAMPING_S / _LEFT_ON_PERIOD_S) if drives else 0
+    for _ in range(times):
+        for drive in drives:
+            _damp(joints, drive)
+        joints.listen(lambda: False, _LEFT_ON_PERIOD_S)
+    joints.listen(lambda: all(drive.replies - before[drive.joint] in {0, times} for drive in drives), _REPLY_TIMEOUT_S)
 
 
 def probe(joints: SocketCanJoints) -> None:
@@ -99,8 +117,7 @@ def enable(joints: SocketCanJoints) -> None:
 def disable(joints: SocketCanJoints) -> list[Drive]:
     """Damp, take the torque off, wait for each drive's reply; the drives that did not confirm."""
     for drive in joints.drives:
-        damping = SetPoint(0.0, 0.0, 0.0, drive.device.damp_nm_s_rad, 0.0)
-        joints.send(drive, [drive.command(damping, time.monotonic_ns())])
+        _damp(joints, drive)
     joints.listen(lambda: False, 0.004)
     return confirm_off(joints, list(joints.drives))
 
@@ -117,6 +134,11 @@ def confirm_off(joints: SocketCanJoints, waiting: list[Drive]) -> list[Drive]:
         waiting += _ask_once(joints, unsure, _by_disabling)
         waiting += [drive for drive in joints.drives if drive.enabled and drive not in waiting]
     return waiting
+
+
+def _damp(joints: SocketCanJoints, drive: Drive) -> None:
+    damping = SetPoint(0.0, 0.0, 0.0, drive.device.damp_nm_s_rad, 0.0)
+    joints.send(drive, [drive.command(damping, time.monotonic_ns())])
 
 
 def _answers_alike(joints: SocketCanJoints, drive: Drive) -> bool:
@@ -141,8 +163,8 @@ def _by_neutral_command(joints: SocketCanJoints, drive: Drive) -> bool:
 
 
 def _by_neutral_question(joints: SocketCanJoints, drive: Drive) -> bool:
-    """For drives without power; not for V3 drives, which it would enable."""
-    return drive.model.protocol is not WireProtocol.AK_V3 and _by_neutral_command(joints, drive)
+    """For drives without power; not for those that it would enable."""
+    return not drive.codec.traits.enabled_by_command and _by_neutral_command(joints, drive)
 
 
 def _by_neutral_entry(joints: SocketCanJoints, drive: Drive) -> bool:
@@ -244,85 +266,3 @@ def _check_ranges(joints: SocketCanJoints, drive: Drive) -> None:
                 value=reported[register],
                 expected=expected,
             )
-
-
-CONFIRM_WITHIN_S = 30.0
-STILL_FOR_S = 1.0
-STILL_WITHIN_RAD = math.radians(0.5)
-STILL_SPEED_RAD_S = 0.1
-TAKES_EFFECT_S = 1.5  # CubeMars drives act on it after 0.5 to 1.5 s, and write it to flash
-ZERO_WITHIN_RAD = math.radians(1.0)
-LOSE_ZERO = frozenset({WireProtocol.AK_V3, WireProtocol.CYBERGEAR})  # keep it until power-off only
-
-
-@dataclass(frozen=True, slots=True)
-class ZeroRequest:
-    """What the operator confirms by giving `code` back in time."""
-
-    joint: Joint
-    angle_rad: float
-    code: str
-    at_s: float
-
-
-def request_zero(joints: SocketCanJoints, joint: Joint) -> ZeroRequest:
-    """Watch the joint be still; the request names its present angle. Raises HardwareError when it moves or is on."""
-    drive = _idle_drive(joints, joint)
-    angle_rad = _watch_still(joints, drive)
-    return ZeroRequest(joint, angle_rad, secrets.token_hex(2), time.monotonic())
-
-
-def set_zero(joints: SocketCanJoints, request: ZeroRequest, code: str, permit: Callable[[], object]) -> float:
-    """Make the present angle the joint's zero offset, and verify it; the drive's own new angle, radians.
-
-    permit: called right before the drive is asked; raises when it may not be.
-    Raises HardwareError when the code is wrong or late, the joint has moved, or the drive did not take the zero.
-    """
-    if code != request.code:
-        raise HardwareError(DrivesFault.ZERO_WRONG_CODE)
-    if time.monotonic() - request.at_s > CONFIRM_WITHIN_S:
-        raise HardwareError(DrivesFault.ZERO_TOO_LATE, limit_s=CONFIRM_WITHIN_S)
-    drive = _idle_drive(joints, request.joint)
-    if abs(_watch_still(joints, drive) - request.angle_rad) > STILL_WITHIN_RAD:
-        raise HardwareError(DrivesFault.ZERO_MOVED, **drive.identity)
-    permit()
-    joints.send(drive, drive.order(Order.ZERO, time.monotonic_ns()))
-    return _verify(joints, drive)
-
-
-def _idle_drive(joints: SocketCanJoints, joint: Joint) -> Drive:
-    if joints.state is not DriveState.PROBED:
-        raise HardwareError(DrivesFault.ZERO_ENABLED)
-    return joints.drives[joint]
-
-
-def _poll(joints: SocketCanJoints, drive: Drive) -> float:
-    """The joint's angle by a fresh answer. Raises HardwareError when it is silent."""
-    before = drive.replies
-    for _ in range(3):
-        joints.send(drive, drive.order(Order.DISABLE, time.monotonic_ns()))
-        if joints.listen(lambda: drive.replies > before, 0.1):
-            return drive.position_rad
-    raise HardwareError(DrivesFault.ZERO_NO_REPLY, **drive.identity)
-
-
-def _watch_still(joints: SocketCanJoints, drive: Drive) -> float:
-    first_rad = _poll(joints, drive)
-    end_s = time.monotonic() + STILL_FOR_S
-    while time.monotonic() < end_s:
-        angle_rad = _poll(joints, drive)
-        if abs(angle_rad - first_rad) > STILL_WITHIN_RAD or abs(drive.velocity_rad_s) > STILL_SPEED_RAD_S:
-            raise HardwareError(DrivesFault.ZERO_MOVING, **drive.identity)
-        joints.listen(lambda: False, 0.02)
-    return first_rad
-
-
-def _verify(joints: SocketCanJoints, drive: Drive) -> float:
-    wanted_rad = drive.transmission.zero_offset_rad
-    end_s = time.monotonic() + 2 * TAKES_EFFECT_S
-    while time.monotonic() < end_s:
-        angle_rad = _poll(joints, drive)
-        if abs(angle_rad - wanted_rad) <= ZERO_WITHIN_RAD:
-            return angle_rad
-        joints.listen(lambda: False, 0.05)
-    raise HardwareError(DrivesFault.ZERO_NOT_TAKEN, **drive.identity, angle_rad=drive.position_rad)

@@ -16,9 +16,11 @@ from hal.joints.can.bus import BusPort, frame_of, message_of, open_bus
 from hal.joints.can.candump import BusDecoder, Decoded, FrameKind
 from hal.joints.can.drive import drives_of
 from hal.joints.codecs import cybergear, damiao
-from hal.joints.codecs.cubemars import upload_replier
-from hal.joints.codecs.mit import special_frame
-from hal.joints.codecs.wire import Frame, Order
+from hal.joints.codecs.cubemars import AkV3Codec, upload_replier
+from hal.joints.codecs.cybergear import CyberGearCodec
+from hal.joints.codecs.damiao import DamiaoCodec
+from hal.joints.codecs.mit import MitCodec, special_frame
+from hal.joints.codecs.wire import Codec, Frame, Order
 from hal.joints.device import Exoskeleton
 from hal.joints.protocol import BusFault, Joint
 
@@ -100,7 +102,8 @@ def scan(
     wanted = list(ids)
     found: dict[tuple[str, int], FoundDrive] = {}
     taken: set[int] = set()
-    for protocol, question, recognise in _QUESTIONS:
+    for codec, question, recognise in QUESTIONS:
+        protocol = codec.traits.scan_name
         for begin in range(0, len(wanted), _ROUND_IDS):
             batch = [number for number in wanted[begin : begin + _ROUND_IDS] if number not in taken]
             watch(protocol, batch[0] if batch else wanted[begin])
@@ -179,11 +182,11 @@ def _v3(frame: Frame) -> Recognised | None:
 
 
 # In this order: a Damiao drive answers the MIT question too, and then is already known.
-_QUESTIONS: tuple[tuple[str, Callable[[int], Frame], Callable[[Frame], Recognised | None]], ...] = (
-    ("Damiao", lambda number: damiao.read_register(number, damiao.Register.DRIVE_ID), _damiao),
-    ("MIT (AK V1/V2, bgkatz)", lambda number: special_frame(number, Order.DISABLE), _mit),
-    ("CyberGear", cybergear.who, _cybergear),
-    ("AK V3 / servo", lambda number: Frame((1 << 8) | number, bytes(4), extended=True), _v3),
+QUESTIONS: tuple[tuple[type[Codec], Callable[[int], Frame], Callable[[Frame], Recognised | None]], ...] = (
+    (DamiaoCodec, lambda number: damiao.read_register(number, damiao.Register.DRIVE_ID), _damiao),
+    (MitCodec, lambda number: special_frame(number, Order.DISABLE), _mit),
+    (CyberGearCodec, cybergear.who, _cybergear),
+    (AkV3Codec, lambda number: Frame((1 << 8) | number, bytes(4), extended=True), _v3),
 )
 
 

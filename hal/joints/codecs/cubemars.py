@@ -13,14 +13,16 @@ from __future__ import annotations
 
 import math
 import struct
+from typing import ClassVar
 
 from hal.errors import DeviceFault, HardwareError
 from hal.joints.codecs.mit import unpack_state
-from hal.joints.codecs.wire import MIT_BITS, NEUTRAL, Frame, Order, Reply, Scales, SetPoint, raw_temperature
+from hal.joints.codecs.wire import MIT_BITS, NEUTRAL, Frame, Order, Reply, Scales, SetPoint, Traits, raw_temperature
 from hal.joints.motors import MotorModel
 
 UPLOAD = 0x29
 _BODY = struct.Struct(">hhhbB")
+_SCAN_NAME = "AK V3 / servo"  # one question finds both
 
 
 def _identifier(mode: int, drive_id: int) -> int:
@@ -76,6 +78,14 @@ def pack_upload(motor: MotorModel, state: Reply, error_code: int) -> Frame:
 class ServoCodec:
     """Reads a drive that is set to servo mode; commanding one is refused."""
 
+    traits: ClassVar = Traits(
+        scan_name=_SCAN_NAME,
+        standard_replies=False,
+        enabled_by_command=False,
+        loses_zero=False,
+        read_only=True,
+    )
+
     def __init__(self, motor: MotorModel) -> None:
         self._motor = motor
 
@@ -111,6 +121,14 @@ _TEMPORARY = b"\x00"  # origin until power-off; permanent ones belong to the mak
 
 class AkV3Codec:
     """AK drives, V3 firmware."""
+
+    traits: ClassVar = Traits(
+        scan_name=_SCAN_NAME,
+        standard_replies=True,
+        enabled_by_command=True,
+        loses_zero=True,
+        read_only=False,
+    )
 
     def __init__(self, motor: MotorModel) -> None:
         self._motor = motor

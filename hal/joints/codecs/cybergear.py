@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import struct
 from enum import IntEnum
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
-from hal.joints.codecs.wire import Frame, Order, Reply, Scales, SetPoint, raw_temperature
+from hal.joints.codecs.wire import Frame, Order, Reply, Scales, SetPoint, Traits, raw_temperature
 from hal.joints.motors import MotorModel
 
 HOST_ID = 0xFD  # the manual's example; any drive answers to whoever asked
@@ -78,6 +78,14 @@ _ORDERS = {
 
 class CyberGearCodec:
     """CyberGear drives in operation-control mode."""
+
+    traits: ClassVar = Traits(
+        scan_name="CyberGear",
+        standard_replies=False,
+        enabled_by_command=False,
+        loses_zero=True,
+        read_only=False,
+    )
 
     def __init__(self, motor: MotorModel) -> None:
         self._motor = motor

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import struct
 from enum import IntEnum
-from typing import NamedTuple
+from typing import ClassVar, NamedTuple
 
 from hal.joints.codecs.mit import MitCodec, pack_state, special_frame
 from hal.joints.codecs.mit import unpack_state as unpack_mit_state
-from hal.joints.codecs.wire import Frame, Order, Reply, raw_temperature
+from hal.joints.codecs.wire import Frame, Order, Reply, Traits, raw_temperature
 from hal.joints.protocol import DriveFault
 
 REGISTER_ID = 0x7FF
@@ -81,6 +81,14 @@ def pack_register(reply_id: int, value: RegisterValue, action: int = READ) -> Fr
 
 class DamiaoCodec(MitCodec):
     """DM drives in MIT mode: packed and read as MIT, with other orders and replies."""
+
+    traits: ClassVar = Traits(
+        scan_name="Damiao",
+        standard_replies=True,
+        enabled_by_command=False,
+        loses_zero=False,
+        read_only=False,
+    )
 
     def order(self, drive_id: int, order: Order) -> tuple[Frame, ...]:
         """The special frame of an order, clearing faults included."""

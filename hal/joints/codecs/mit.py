@@ -6,7 +6,9 @@ Sources: bgkatz/motorcontrol Core/Src/can.c; CubeMars AK series manual V1.0.8, s
 
 from __future__ import annotations
 
-from hal.joints.codecs.wire import MIT_BITS, Frame, Order, Reply, Scales, SetPoint, raw_temperature
+from typing import ClassVar
+
+from hal.joints.codecs.wire import MIT_BITS, Frame, Order, Reply, Scales, SetPoint, Traits, raw_temperature
 from hal.joints.motors import MotorModel, ReplyLayout
 
 SPECIAL = {Order.ENABLE: 0xFC, Order.DISABLE: 0xFD, Order.ZERO: 0xFE, Order.CLEAR: 0xFB}
@@ -69,6 +71,14 @@ def pack_state(scales: Scales, state: Reply) -> bytes:
 
 class MitCodec:
     """AK V1 and V2 and bgkatz drives."""
+
+    traits: ClassVar = Traits(
+        scan_name="MIT (AK V1/V2, bgkatz)",
+        standard_replies=True,
+        enabled_by_command=False,
+        loses_zero=False,
+        read_only=False,
+    )
 
     def __init__(self, motor: MotorModel) -> None:
         self._motor = motor

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from enum import Enum
-from typing import NamedTuple, Protocol
+from typing import ClassVar, NamedTuple, Protocol
 
 from hal.joints.device import JointDevice
 from hal.joints.motors import MotorModel
@@ -75,8 +75,20 @@ def raw_temperature(motor: MotorModel, state: Reply, low: int, high: int, per_de
     return min(max(round((temperature_c + motor.temperature_offset_c) * per_degree), low), high)
 
 
+class Traits(NamedTuple):
+    """What driver, scan and doctor rest on besides a protocol's bytes; without defaults, so that none is forgotten."""
+
+    scan_name: str  # of the question in can/scan.py that finds its drives
+    standard_replies: bool  # some of its firmware replies on a standard identifier, the device's reply_id
+    enabled_by_command: bool  # any set-point powers the drive, also one that has faulted: there is no order to enable
+    loses_zero: bool  # keeps a zero that was set until power-off only
+    read_only: bool  # is never commanded
+
+
 class Codec(Protocol):
     """One protocol with one motor's ranges. Reading functions answer None for what is not theirs."""
+
+    traits: ClassVar[Traits]
 
     def __init__(self, motor: MotorModel) -> None: ...
 

@@ -163,7 +163,7 @@ class EmulatedDrive:
     def _execute(self, asked: SetPoint | Order) -> None:
         if isinstance(asked, SetPoint):
             self._target = asked
-            if self.model.protocol is WireProtocol.AK_V3 and not self.error_code:
+            if self._codec.traits.enabled_by_command and not self.error_code:
                 self.motor_mode = True
         elif asked is Order.ENABLE:
             self.motor_mode = not self.error_code

@@ -22,7 +22,7 @@ from app.system.legs_lock import claim_buses
 from app.system.paths import Home
 from app.text.catalogue import tr
 from hal.errors import CanFault
-from hal.joints.can import lifecycle
+from hal.joints.can import zero
 from hal.joints.can.bus import with_bus
 from hal.joints.can.candump import FrameKind
 from hal.joints.can.driver import SocketCanJoints
@@ -149,7 +149,7 @@ def test_the_name_of_a_recorded_bus_is_no_markup(tmp_path: Path, monkeypatch: py
 def test_a_zero_that_is_lost_with_the_supply_is_announced_as_that(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, motor: str, *, lost: bool
 ) -> None:
-    monkeypatch.setattr(lifecycle, "STILL_FOR_S", 0.05)
+    monkeypatch.setattr(zero, "STILL_FOR_S", 0.05)
     monkeypatch.setattr(secrets, "token_hex", lambda _: "ab12")
     device = on_local_bus(small_gear(motor) if motor.startswith("CyberGear") else with_motor(motor))
     description = tmp_path / "device.toml"

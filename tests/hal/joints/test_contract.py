@@ -9,8 +9,10 @@ import numpy as np
 import pytest
 
 from hal.errors import HardwareError
-from hal.joints.device import load_exoskeleton
+from hal.joints.codecs import CODECS
+from hal.joints.device import Exoskeleton, load_exoskeleton
 from hal.joints.factory import make_joints
+from hal.joints.motors import WireProtocol, load_motors
 from hal.joints.protocol import (
     BusFault,
     DriveFault,
@@ -51,7 +53,7 @@ class SimulatedRig:
         raise AssertionError(feedback)
 
 
-DEVICES = {
+DEVICES: dict[str, Callable[[], Exoskeleton]] = {
     "AK80-64 V2": lambda: with_motor("AK80-64/V2"),
     "AK80-64 V3": lambda: with_motor("AK80-64/V3"),
     "AK10-9 V2": lambda: small_gear("AK10-9/V2"),
@@ -59,6 +61,12 @@ DEVICES = {
     "Damiao": lambda: with_motor("DM10010/default"),
     "CyberGear": lambda: small_gear("CyberGear/manual"),
 }
+
+
+def test_drives_of_every_protocol_are_held_to_it() -> None:
+    commanded = {protocol for protocol in WireProtocol if not CODECS[protocol].traits.read_only}
+    missing = commanded - {load_motors().find(made().left_hip.motor).protocol for made in DEVICES.values()}
+    assert not missing, f"nothing here runs over {missing}: add a device to DEVICES in {__file__}"
 
 
 @pytest.fixture(params=["simulated", *DEVICES])

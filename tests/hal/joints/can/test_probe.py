@@ -9,10 +9,12 @@ import pytest
 
 from hal.errors import DrivesFault
 from hal.joints.codecs import damiao
-from hal.joints.codecs.wire import Frame, Order, WireQuantity
+from hal.joints.codecs.wire import Frame, Order, SetPoint, Transmission, WireQuantity
+from hal.joints.device import Exoskeleton
 from hal.joints.emulator.firmware import EmulatedDrive, Fault
-from hal.joints.protocol import DriveState, Joint
-from tests.support.can_rig import CanRig, MakeRig, command, with_motor
+from hal.joints.factory import make_joints
+from hal.joints.protocol import BusFault, DriveState, Joint
+from tests.support.can_rig import CanRig, MakeRig, command, small_gear, with_motor
 from tests.support.errors import refused
 
 KNEE = Joint.LEFT_KNEE
@@ -134,3 +136,100 @@ def test_replies_that_can_not_be_read_at_all_are_none(make_rig: MakeRig) -> None
     rig.emulator.inject(Fault.GARBAGE, KNEE)
     with refused(DrivesFault.NO_REPLY_BUS_FAULT, joints=(KNEE,)):
         rig.joints.open(rig.now_ns())
+
+
+def of_a_session(rig: CanRig) -> CanRig:
+    """The same drives with the driver that a session opens."""
+    return CanRig(make_joints("can", rig.emulator.device), rig.emulator)
+
+
+def listening(monkeypatch: pytest.MonkeyPatch, drive: EmulatedDrive) -> list[SetPoint | Order | None]:
+    """What a drive is told from now on, as at its joint."""
+    receive, told = drive.receive, list[SetPoint | Order | None]()
+
+    def receive_and_note(frame: Frame, now_ns: int) -> list[Frame]:
+        asked = drive._codec.read_command(drive.device.can_id, frame)
+        told.append(Transmission.of(drive.device).to_joint(asked) if isinstance(asked, SetPoint) else asked)
+        return receive(frame, now_ns)
+
+    monkeypatch.setattr(drive, "receive", receive_and_note)
+    return told
+
+
+@pytest.mark.parametrize(
+    "device",
+    [
+        lambda: with_motor("AK80-64/V2"),
+        lambda: with_motor("DM10010/default"),
+        lambda: small_gear("CyberGear/manual"),
+    ],
+)
+def test_drives_that_a_dead_session_left_stiff_are_damped_before_their_torque_goes_off(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch, device: Callable[[], Exoskeleton]
+) -> None:
+    rig = of_a_session(make_rig(device()))
+    for drive in rig.emulator.drives:
+        drive.motor_mode, drive._target = True, SetPoint(0.1, 0.0, 200.0, 2.0, 0.0)
+    told = [listening(monkeypatch, drive) for drive in rig.emulator.drives]
+    rig.joints.open(rig.now_ns())
+    for drive, asked in zip(rig.emulator.drives, told, strict=True):
+        damped = asked[: asked.index(Order.DISABLE)]
+        assert len(damped) == 15, "each 20 ms for 0.3 s"
+        for target in damped:
+            assert isinstance(target, SetPoint)
+            assert (target.stiffness_nm_rad, target.damping_nm_s_rad) == pytest.approx(
+                (0.0, drive.device.damp_nm_s_rad), abs=0.05
+            )
+        assert not drive.motor_mode
+    rig.joints.close(rig.now_ns())
+    for asked in told:
+        asked.clear()
+    rig.joints.open(rig.now_ns())
+    assert {asked[0] for asked in told} == {Order.DISABLE}, "they have been off since"
+    rig.joints.close(rig.now_ns())
+
+
+@pytest.mark.parametrize("answers_set_points", [True, False])
+@pytest.mark.parametrize("motor", ["AK80-64/V2", "AK80-64/V3", "DM10010/default"])
+def test_drives_that_are_off_are_not_powered_by_it_and_what_they_answer_or_not_is_no_fault(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch, motor: str, *, answers_set_points: bool
+) -> None:
+    rig = of_a_session(make_rig(with_motor(motor)))
+    powered = [lose(monkeypatch, drive, 0, lambda _: False) for drive in rig.emulator.drives]
+    knee = rig.emulator.drives[KNEE]
+    receive = knee.receive
+
+    def answer_orders_alone(frame: Frame, now_ns: int) -> list[Frame]:
+        replies = receive(frame, now_ns)
+        asked = knee._codec.read_command(knee.device.can_id, frame)
+        return replies if answers_set_points or not isinstance(asked, SetPoint) else []
+
+    monkeypatch.setattr(knee, "receive", answer_orders_alone)
+    rig.joints.open(rig.now_ns())
+    at_probe = rig.joints.read(rig.now_ns()).measured_ns.copy()
+    for _ in range(20):
+        feedback = rig.tick(command())
+        assert (feedback.state, feedback.bus, feedback.unasked) == (DriveState.PROBED, BusFault.NONE, frozenset())
+    rig.until(lambda now: (now.measured_ns > at_probe).all(), command())
+    rig.joints.close(rig.now_ns())
+    assert not any(on for drive in powered for on in drive)
+
+
+def test_a_held_up_reply_to_the_damping_is_no_answer_without_power(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It comes while the drive is asked by the order to disable, which it answers in motor mode alone."""
+    rig = of_a_session(make_rig(with_motor("AK80-64/V2")))
+    knee = rig.emulator.drives[KNEE]
+    receive, knee.motor_mode = knee.receive, True
+    rig.emulator.inject(Fault.LATE, KNEE, 60)
+
+    def answer_with_power(frame: Frame, now_ns: int) -> list[Frame]:
+        powered = knee.motor_mode
+        replies = receive(frame, now_ns)
+        return replies if powered or knee.motor_mode else []
+
+    monkeypatch.setattr(knee, "receive", answer_with_power)
+    rig.joints.open(rig.now_ns())
+    assert rig.joints.read(rig.now_ns()).unasked == {KNEE}
+    rig.joints.close(rig.now_ns())

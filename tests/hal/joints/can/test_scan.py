@@ -15,13 +15,14 @@ from rich.console import Console
 
 from app.cli.drive_table import monitor_table
 from hal.errors import CanFault, DrivesFault
-from hal.joints.can import lifecycle
+from hal.joints.can import zero
 from hal.joints.can.bus import open_bus
 from hal.joints.can.candump import BusDecoder, FrameKind, LogDecoder, LogSummary, messages_of, open_log
 from hal.joints.can.drive import drives_of
 from hal.joints.can.driver import SocketCanJoints
 from hal.joints.can.recorder import BusRecorder
-from hal.joints.can.scan import ALL_IDS, BusMonitor, listen, scan
+from hal.joints.can.scan import ALL_IDS, QUESTIONS, BusMonitor, listen, scan
+from hal.joints.codecs import CODECS
 from hal.joints.codecs.wire import Order, Reply
 from hal.joints.emulator.emulator import DriveEmulator
 from hal.joints.emulator.firmware import Fault
@@ -38,6 +39,14 @@ PROTOCOLS = {
     "CyberGear": lambda: small_gear("CyberGear/manual"),
     "AK V3 / servo": lambda: with_motor("AK80-64/V3"),
 }
+
+
+def test_every_protocol_is_asked_for_and_tried_here() -> None:
+    names = {codec.traits.scan_name for codec in CODECS.values()}
+    assert {codec.traits.scan_name for codec, *_ in QUESTIONS} == names, (
+        "ask for it: QUESTIONS in hal/joints/can/scan.py"
+    )
+    assert set(PROTOCOLS) == names, f"add a device to PROTOCOLS in {__file__}"
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
@@ -219,8 +228,8 @@ def test_strangers_and_error_frames_decode_to_themselves() -> None:
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(lifecycle, "STILL_FOR_S", 0.05)
-    monkeypatch.setattr(lifecycle, "TAKES_EFFECT_S", 0.2)
+    monkeypatch.setattr(zero, "STILL_FOR_S", 0.05)
+    monkeypatch.setattr(zero, "TAKES_EFFECT_S", 0.2)
 
 
 @pytest.fixture
@@ -236,59 +245,59 @@ def opened(make_rig: MakeRig, quick: None) -> tuple[SocketCanJoints, CanRig]:
 
 def test_zeroing_makes_the_pose_the_described_offset(opened: tuple[SocketCanJoints, CanRig]) -> None:
     joints, rig = opened
-    request = lifecycle.request_zero(joints, Joint.LEFT_KNEE)
-    assert lifecycle.set_zero(joints, request, request.code, print) == pytest.approx(math.radians(10.0), abs=0.01)
+    request = zero.request_zero(joints, Joint.LEFT_KNEE)
+    assert zero.set_zero(joints, request, request.code, print) == pytest.approx(math.radians(10.0), abs=0.01)
     assert rig.emulator.drives[Joint.LEFT_HIP].zero_rad == -0.3
 
 
 def test_zeroing_needs_the_code(opened: tuple[SocketCanJoints, CanRig]) -> None:
     joints, rig = opened
-    request = lifecycle.request_zero(joints, Joint.LEFT_KNEE)
+    request = zero.request_zero(joints, Joint.LEFT_KNEE)
     with refused(DrivesFault.ZERO_WRONG_CODE):
-        lifecycle.set_zero(joints, request, "yes", print)
-    late = lifecycle.ZeroRequest(request.joint, request.angle_rad, request.code, request.at_s - 60)
+        zero.set_zero(joints, request, "yes", print)
+    late = zero.ZeroRequest(request.joint, request.angle_rad, request.code, request.at_s - 60)
     with refused(DrivesFault.ZERO_TOO_LATE):
-        lifecycle.set_zero(joints, late, request.code, print)
+        zero.set_zero(joints, late, request.code, print)
     assert rig.emulator.drives[Joint.LEFT_KNEE].zero_rad == -0.3
 
 
 def test_zeroing_needs_a_permission_at_the_last_moment(opened: tuple[SocketCanJoints, CanRig]) -> None:
     joints, rig = opened
-    request = lifecycle.request_zero(joints, Joint.LEFT_KNEE)
+    request = zero.request_zero(joints, Joint.LEFT_KNEE)
 
     def refuse() -> None:
         raise PermissionError
 
     with pytest.raises(PermissionError):
-        lifecycle.set_zero(joints, request, request.code, refuse)
+        zero.set_zero(joints, request, request.code, refuse)
     assert rig.emulator.drives[Joint.LEFT_KNEE].zero_rad == -0.3
 
 
 def test_zeroing_needs_the_joint_still(opened: tuple[SocketCanJoints, CanRig]) -> None:
     joints, rig = opened
-    request = lifecycle.request_zero(joints, Joint.LEFT_KNEE)
+    request = zero.request_zero(joints, Joint.LEFT_KNEE)
     rig.emulator.drives[Joint.LEFT_KNEE].zero_rad = -0.35
     with refused(DrivesFault.ZERO_MOVED, joint=Joint.LEFT_KNEE):
-        lifecycle.set_zero(joints, request, request.code, print)
+        zero.set_zero(joints, request, request.code, print)
 
 
 def test_zeroing_is_refused_while_enabled(opened: tuple[SocketCanJoints, CanRig]) -> None:
     joints, rig = opened
     joints.enable(rig.now_ns())
     with refused(DrivesFault.ZERO_ENABLED):
-        lifecycle.request_zero(joints, Joint.LEFT_KNEE)
+        zero.request_zero(joints, Joint.LEFT_KNEE)
 
 
 def test_a_drive_that_ignores_its_zero_is_reported(opened: tuple[SocketCanJoints, CanRig]) -> None:
     joints, rig = opened
-    request = lifecycle.request_zero(joints, Joint.LEFT_KNEE)
+    request = zero.request_zero(joints, Joint.LEFT_KNEE)
     rig.emulator.drives[Joint.LEFT_KNEE].ignores_zero = True
     with refused(DrivesFault.ZERO_NOT_TAKEN, joint=Joint.LEFT_KNEE):
-        lifecycle.set_zero(joints, request, request.code, print)
+        zero.set_zero(joints, request, request.code, print)
 
 
 def test_an_unresponsive_drive_is_reported_when_asked_for_its_zero(opened: tuple[SocketCanJoints, CanRig]) -> None:
     joints, rig = opened
     rig.emulator.inject(Fault.SILENT, Joint.LEFT_KNEE)
     with refused(DrivesFault.ZERO_NO_REPLY, joint=Joint.LEFT_KNEE):
-        lifecycle.request_zero(joints, Joint.LEFT_KNEE)
+        zero.request_zero(joints, Joint.LEFT_KNEE)

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hal.joints.codecs import codec_of, cybergear, damiao, mit
+from hal.joints.codecs import CODECS, codec_of, cybergear, damiao, mit
 from hal.joints.codecs.wire import NEUTRAL, Frame, Order, Reply, Scale, SetPoint
 from hal.joints.motors import MotorModel, ReplyLayout, WireProtocol, load_motors
 from hal.joints.protocol import DriveFault
@@ -293,6 +293,22 @@ def test_replies_of_wrong_length_are_refused(motor: MotorModel) -> None:
     allowed = {6, 7, 8} if motor.protocol is WireProtocol.MIT else {8}
     for length in set(range(9)) - allowed:
         assert codec.read_reply(good._replace(data=(good.data + bytes(8))[:length])) is None
+
+
+def test_every_protocol_has_its_codec_and_a_motor() -> None:
+    assert set(CODECS) == set(WireProtocol), "register the codec in CODECS, hal/joints/codecs/__init__.py"
+    assert {motor.protocol for motor in MOTORS} == set(WireProtocol), "add its motor to hal/joints/motors.toml"
+
+
+@pytest.mark.parametrize("motor", MOTORS, ids=lambda motor: motor.label)
+def test_traits_are_those_of_the_frames(motor: MotorModel) -> None:
+    codec = codec_of(motor)
+    enabling = [codec.read_command(3, frame) for frame in codec.order(3, Order.ENABLE)]
+    wrong = f"traits of {type(codec).__name__}"
+    assert codec.traits.enabled_by_command is any(isinstance(asked, SetPoint) for asked in enabling), wrong
+    assert codec.traits.read_only is (not enabling), wrong
+    replies_standard = not codec.reply(Reply(3, 0.0, 0.0, 0.0), 0, 0).extended
+    assert codec.traits.standard_replies or not replies_standard, wrong
 
 
 @pytest.mark.parametrize("layout", list(ReplyLayout))

@@ -1,0 +1,98 @@
+"""Setting a joint's zero offset: asked for, confirmed by the operator's code, and read back from the drive."""
+
+from __future__ import annotations
+
+import math
+import secrets
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from hal.errors import DrivesFault, HardwareError
+from hal.joints.can.drive import Drive
+from hal.joints.codecs.wire import Order
+from hal.joints.protocol import DriveState, Joint
+
+if TYPE_CHECKING:
+    from hal.joints.can.driver import SocketCanJoints
+
+CONFIRM_WITHIN_S = 30.0
+STILL_FOR_S = 1.0
+STILL_WITHIN_RAD = math.radians(0.5)
+STILL_SPEED_RAD_S = 0.1
+TAKES_EFFECT_S = 1.5  # CubeMars drives act on it after 0.5 to 1.5 s, and write it to flash
+ZERO_WITHIN_RAD = math.radians(1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class ZeroRequest:
+    """What the operator confirms by giving `code` back in time."""
+
+    joint: Joint
+    angle_rad: float
+    code: str
+    at_s: float
+
+
+def request_zero(joints: SocketCanJoints, joint: Joint) -> ZeroRequest:
+    """Watch the joint be still; the request names its present angle. Raises HardwareError when it moves or is on."""
+    drive = _idle_drive(joints, joint)
+    angle_rad = _watch_still(joints, drive)
+    return ZeroRequest(joint, angle_rad, secrets.token_hex(2), time.monotonic())
+
+
+def set_zero(joints: SocketCanJoints, request: ZeroRequest, code: str, permit: Callable[[], object]) -> float:
+    """Make the present angle the joint's zero offset, and verify it; the drive's own new angle, radians.
+
+    permit: called right before the drive is asked; raises when it may not be.
+    Raises HardwareError when the code is wrong or late, the joint has moved, or the drive did not take the zero.
+    """
+    if code != request.code:
+        raise HardwareError(DrivesFault.ZERO_WRONG_CODE)
+    if time.monotonic() - request.at_s > CONFIRM_WITHIN_S:
+        raise HardwareError(DrivesFault.ZERO_TOO_LATE, limit_s=CONFIRM_WITHIN_S)
+    drive = _idle_drive(joints, request.joint)
+    if abs(_watch_still(joints, drive) - request.angle_rad) > STILL_WITHIN_RAD:
+        raise HardwareError(DrivesFault.ZERO_MOVED, **drive.identity)
+    permit()
+    joints.send(drive, drive.order(Order.ZERO, time.monotonic_ns()))
+    return _verify(joints, drive)
+
+
+def _idle_drive(joints: SocketCanJoints, joint: Joint) -> Drive:
+    if joints.state is not DriveState.PROBED:
+        raise HardwareError(DrivesFault.ZERO_ENABLED)
+    return joints.drives[joint]
+
+
+def _poll(joints: SocketCanJoints, drive: Drive) -> float:
+    """The joint's angle by a fresh answer. Raises HardwareError when it is silent."""
+    before = drive.replies
+    for _ in range(3):
+        joints.send(drive, drive.order(Order.DISABLE, time.monotonic_ns()))
+        if joints.listen(lambda: drive.replies > before, 0.1):
+            return drive.position_rad
+    raise HardwareError(DrivesFault.ZERO_NO_REPLY, **drive.identity)
+
+
+def _watch_still(joints: SocketCanJoints, drive: Drive) -> float:
+    first_rad = _poll(joints, drive)
+    end_s = time.monotonic() + STILL_FOR_S
+    while time.monotonic() < end_s:
+        angle_rad = _poll(joints, drive)
+        if abs(angle_rad - first_rad) > STILL_WITHIN_RAD or abs(drive.velocity_rad_s) > STILL_SPEED_RAD_S:
+            raise HardwareError(DrivesFault.ZERO_MOVING, **drive.identity)
+        joints.listen(lambda: False, 0.02)
+    return first_rad
+
+
+def _verify(joints: SocketCanJoints, drive: Drive) -> float:
+    wanted_rad = drive.transmission.zero_offset_rad
+    end_s = time.monotonic() + 2 * TAKES_EFFECT_S
+    while time.monotonic() < end_s:
+        angle_rad = _poll(joints, drive)
+        if abs(angle_rad - wanted_rad) <= ZERO_WITHIN_RAD:
+            return angle_rad
+        joints.listen(lambda: False, 0.05)
+    raise HardwareError(DrivesFault.ZERO_NOT_TAKEN, **drive.identity, angle_rad=drive.position_rad)
