@@ -20,7 +20,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from kgdfa.distance import DistanceSource
-from kgdfa.frame_time import have_lasted
+from kgdfa.frame_time import FRAME_NS, have_lasted
 from kgdfa.gesture import Gesture
 
 if TYPE_CHECKING:
@@ -28,7 +28,9 @@ if TYPE_CHECKING:
 
 HYSTERESIS = 0.20  # a press ends, and a new one may begin, beyond this share over the threshold: three sd of keypoints
 APPROACH_M_S = 3.5  # a 0.3 s press from 36 cm peaks at 2.7 m/s, its safe distance at a tenth more; faster is a slip
-SHORTEST_PRESS_NS = 50_000_000  # press to release, two frames: keypoints that slip for a frame slip back in the next
+# Press to release, two frames: keypoints that slip for a frame slip back in the next. Where that one is lost, or comes
+# later than this, time alone does not tell: a second frame has to see the hand near (`measured_near`).
+SHORTEST_PRESS_NS = 50_000_000
 # `rleex evaluate` pushes and withdraws in 3 s at most; a slow hand gets three times as long. What one that stays longer
 # still means, nobody knows: cut off by the image's edge it keeps its gesture unread.
 LONGEST_PRESS_NS = 10_000_000_000
@@ -128,7 +130,7 @@ class ButtonComparison(Struct, frozen=True, kw_only=True):
     approach_limit_m: float  # a press needs at least this much
     elapsed_limit_ns: int = STALE_NS  # later, the camera paused
     held_limit_ns: int = SHORTEST_PRESS_NS  # shorter is no press; of one that was too long the longest
-    gap_limit_frames: int = GAP_FRAMES  # more lose the hand; of a camera faster than 30 Hz as many as it survived
+    gap_limit_frames: int = GAP_FRAMES  # more lose the hand; above 30 Hz, and after STALE_NS, as many as there were
     source: DistanceSource = DistanceSource.MONOCULAR  # of distance_m
     source_changed: bool = False  # since the measurement before: nothing is pressed or released
 
@@ -139,9 +141,11 @@ class ButtonState(Struct, frozen=True, kw_only=True):
     pressed: bool = False
     pressed_gesture: Gesture | None = None
     pressed_captured_ns: int = 0
+    measured_near: bool = False  # since the frame that pressed, another one measured the hand within release_m
     release_count: int = 0
     released_gesture: Gesture | None = None
     released_recognised_ns: int = 0
+    released_pressed_ns: int = 0
     released_ns: int = 0
     cancel_count: int = 0
     cancel_reason: PressCancel | None = None
@@ -193,6 +197,7 @@ def _compare(state: ButtonState, observed: ButtonInput, place: ButtonPlace, *, c
     distance_m, previous_m = observed.distance_m, state.last_distance_m
     measured_m = _measured(observed)
     farthest_m = max((m for _, m in _recent(state, observed.captured_ns)), default=measured_m)
+    unmeasured_ns = _unmeasured_ns(state, observed.captured_ns)
     return ButtonComparison(
         captured_ns=observed.captured_ns,
         elapsed_ns=elapsed_ns,
@@ -201,12 +206,12 @@ def _compare(state: ButtonState, observed: ButtonInput, place: ButtonPlace, *, c
         threshold_m=place.threshold_m,
         release_m=_outside_m(place),
         nearer_m=None if previous_m is None or distance_m is None else previous_m - distance_m,
-        nearer_limit_m=APPROACH_M_S * elapsed_ns / 1e9,
+        nearer_limit_m=APPROACH_M_S * max(elapsed_ns, min(FRAME_NS, unmeasured_ns)) / 1e9,
         beside_px=observed.beside_px,
         beside_limit_px=place.radius_px if state.pressed else 0.0,
         held_ns=observed.captured_ns - state.pressed_captured_ns if state.pressed else 0,
         gap_frames=state.gap_frames,
-        gap_limit_frames=max(GAP_FRAMES, state.gap_frames),
+        gap_limit_frames=state.gap_frames if unmeasured_ns > STALE_NS else max(GAP_FRAMES, state.gap_frames),
         approached_m=None if measured_m is None or farthest_m is None else max(farthest_m - measured_m, 0.0),
         approach_limit_m=APPROACH_SHARE * place.threshold_m,
         source=observed.source,
@@ -227,10 +232,11 @@ def _robust(state: ButtonState, observed: ButtonInput, compared: ButtonCompariso
         state = _end(state, PressCancel.CAMERA_PAUSED)
     elif compared.held_ns > LONGEST_PRESS_NS:
         state = _end(state, PressCancel.TOO_LONG)
-    distance_m = _measured(observed)
+    now_ns, distance_m = observed.captured_ns, _measured(observed)
+    if state.gap_frames and _unmeasured_ns(state, now_ns) > STALE_NS:
+        state = _lost(state, observed)
     if distance_m is None:
         return _gap(state, observed)
-    now_ns = observed.captured_ns
     state = replace(state, gap_frames=0, approach=(*_recent(state, now_ns), (now_ns, distance_m)))
     rule = _while_pressed if state.pressed else _while_up
     return replace(rule(state, observed, compared, distance_m), last_distance_m=distance_m)
@@ -244,8 +250,8 @@ def _while_pressed(
     if compared.beside_px is None or compared.beside_px > compared.beside_limit_px:
         return _end(state, PressCancel.LEFT_SIDEWAYS)
     if distance_m <= compared.release_m or compared.source_changed:
-        return state
-    if compared.held_ns < SHORTEST_PRESS_NS:  # keypoints that slip near slip back
+        return replace(state, measured_near=state.measured_near or not compared.source_changed)
+    if compared.held_ns < SHORTEST_PRESS_NS or not state.measured_near:  # keypoints that slip near slip back
         return _end(state, PressCancel.TOO_SHORT)
     if compared.gap_frames:  # it hid the withdrawal: the next frame has to see the hand outside as well
         return state
@@ -294,12 +300,21 @@ def _recent(state: ButtonState, now_ns: int) -> tuple[tuple[int, float], ...]:
     return tuple(one for one in state.approach if 0 < now_ns - one[0] <= APPROACH_NS)
 
 
+def _unmeasured_ns(state: ButtonState, now_ns: int) -> int:
+    """How long ago the newest measurement was; negative, where none is known: then the frames count alone."""
+    return now_ns - state.approach[-1][0] if state.approach else -1
+
+
 def _gap(state: ButtonState, observed: ButtonInput) -> ButtonState:
     """A frame without a measurement: short gaps are blur, longer ones end the press and the readiness."""
     gap_frames = state.gap_frames + 1
-    measured_ns = state.approach[-1][0] if state.approach else 0
-    if not have_lasted(gap_frames, GAP_FRAMES + 1, observed.captured_ns - measured_ns):
+    if not have_lasted(gap_frames, GAP_FRAMES + 1, _unmeasured_ns(state, observed.captured_ns)):
         return replace(state, gap_frames=gap_frames)
+    return _lost(state, observed)
+
+
+def _lost(state: ButtonState, observed: ButtonInput) -> ButtonState:
+    """After too long a gap, which a frame with a measurement may end."""
     lost = PressCancel.HAND_LOST if observed.beside_px is None else PressCancel.DISTANCE_LOST
     return replace(_end(state, lost), last_distance_m=None)
 
@@ -308,6 +323,7 @@ def _press(state: ButtonState, observed: ButtonInput) -> ButtonState:
     return replace(
         state,
         pressed=True,
+        measured_near=False,
         pressed_gesture=observed.gesture,
         pressed_captured_ns=observed.captured_ns,
         pressed_recognised_ns=observed.recognised_ns,
@@ -326,6 +342,7 @@ def _release(state: ButtonState, observed: ButtonInput, gesture: Gesture | None)
         release_count=state.release_count + 1,
         released_gesture=gesture,
         released_recognised_ns=state.pressed_recognised_ns or observed.recognised_ns,
+        released_pressed_ns=state.pressed_captured_ns,
         released_ns=observed.captured_ns,
     )
 

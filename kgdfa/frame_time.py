@@ -1,6 +1,9 @@
 """A limit in frames is a limit in time as well: it was chosen at 30 Hz, and a faster camera's frames take less."""
 
+from itertools import pairwise
+
 FRAME_NS = 33_333_333  # at 30 Hz
+HOLE_NS = 2 * FRAME_NS  # longer is no jitter: a frame that comes late, and the one behind it early, take two together
 
 
 def have_lasted(frames: int, limit: int, elapsed_ns: int, jitter: float = 0.5) -> bool:
@@ -12,5 +15,11 @@ def have_lasted(frames: int, limit: int, elapsed_ns: int, jitter: float = 0.5) -
 
 
 def row_has_lasted(row_ns: tuple[int, ...], limit: int, jitter: float = 0.5) -> bool:
-    """The same of frames in a row, given their captures."""
-    return bool(row_ns) and have_lasted(len(row_ns) - 1, limit - 1, row_ns[-1] - row_ns[0], jitter)
+    """The same of frames in a row, given their captures.
+
+    A hole between two of them counts as one frame: a hand that was cut off for a second, and could not be read, was not
+    read as anything for that second.
+    """
+    steps_ns = (after_ns - before_ns for before_ns, after_ns in pairwise(row_ns))
+    lasted_ns = sum(FRAME_NS if step_ns > HOLE_NS else step_ns for step_ns in steps_ns)
+    return bool(row_ns) and have_lasted(len(row_ns) - 1, limit - 1, lasted_ns, jitter)

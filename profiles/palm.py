@@ -108,7 +108,8 @@ def calibrated_camera(profile: Profile) -> str:
 def _calibrated(calibration: Calibration, focal_px: float, width_px: int, height_px: int) -> ReferenceSegment | None:
     """What was solved is f·H: with another focal length given for the same images, H follows.
 
-    None for images of another shape: how a camera crops and scales them is not known.
+    None for images of another shape, or of another width than a calibration without a height was made with: how a
+    camera crops and scales them is not known.
     """
     focal_then_px = calibration.focal_px
     if focal_px > 0 and min(width_px, height_px, calibration.width_px) > 0:
@@ -122,9 +123,9 @@ def _calibrated(calibration: Calibration, focal_px: float, width_px: int, height
 
 
 def _scale_to(calibration: Calibration, width_px: int, height_px: int) -> float | None:
-    """How much larger images of this size are than those calibrated with, by the long side; None: of another shape."""
-    if not calibration.height_px:  # taken as landscape, of this image's shape
-        return width_px / calibration.width_px if width_px >= height_px else None
+    """How much larger images of this size are than those calibrated with, by the long side; None: not to be known."""
+    if not calibration.height_px:  # taken as landscape; of another width it may have been of another shape
+        return 1.0 if width_px == calibration.width_px and width_px >= height_px else None
     (short_px, long_px), (short_then_px, long_then_px) = (
         sorted((width_px, height_px)),
         sorted((calibration.width_px, calibration.height_px)),

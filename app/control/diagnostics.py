@@ -120,7 +120,7 @@ class JointDiagnostics(Struct, frozen=True, kw_only=True):
     following_rad: float = 0.0
     pose_error_rad: float = 0.0
     drift_rad_s: float = 0.0
-    fastest_rad_s: float = 0.0  # of the four joints
+    fastest_rad_s: float = 0.0  # of the joints that answer
     beyond_range: bool = False
     beyond_speed: bool = False
     beyond_torque: bool = False
@@ -210,7 +210,7 @@ def _clocks(inputs: Inputs, streams: StreamState) -> ClockDiagnostics:
     return ClockDiagnostics(
         late_ms=inputs.late_ns / NS_PER_MS,
         missed_ticks=inputs.missed_ticks,
-        reader_age_ms=reader_age_ns(inputs.stop_inputs, inputs.now_ns, streams.resumed_ns) / NS_PER_MS,
+        reader_age_ms=reader_age_ns(inputs.stop_inputs, inputs.now_ns, streams.reader_delay_ns) / NS_PER_MS,
         slept_s=streams.slept_ns / 1e9,
         step_s=streams.clock_step_ns / 1e9,
     )
@@ -223,6 +223,7 @@ def _joints(inputs: Inputs, state: ControlState, settings: Settings) -> JointDia
     oldest_ns = min(answers_ns(feedback, streams.powered), default=now_ns)
     silent = silent_joints(streams, feedback, now_ns)
     sunk_rad = angles_sunk_rad(state.silenced, motion, feedback, silent)
+    fastest_rad_s = _fastest_rad_s(feedback, silent if streams.powered else feedback.unasked)
     return JointDiagnostics(
         answering=min(measured_ns) > 0,
         age_ms=_age_ms(now_ns - streams.own_delay_ns, oldest_ns),
@@ -239,8 +240,8 @@ def _joints(inputs: Inputs, state: ControlState, settings: Settings) -> JointDia
         hottest_c=max([value for value in temperatures_c if not isnan(value)], default=nan),
         following_rad=_following_rad(motion, feedback),
         pose_error_rad=_pose_error_rad(state, feedback, settings),
-        drift_rad_s=_drift_rad_s(state, feedback, now_ns),
-        fastest_rad_s=max(map(abs, feedback.velocity_rad_s.tolist())),
+        drift_rad_s=fastest_rad_s if _is_settled(state, now_ns) else 0.0,
+        fastest_rad_s=fastest_rad_s,
         guard_refusal=inputs.guard_refusal,
         feedback=feedback,
         settings=settings,
@@ -303,9 +304,14 @@ def _pose_error_rad(state: ControlState, feedback: JointFeedback, settings: Sett
     return float(np.abs(pose - feedback.position_rad).max())
 
 
-def _drift_rad_s(state: ControlState, feedback: JointFeedback, now_ns: int) -> float:
-    """The largest speed of a joint that has been held for a while."""
+def _fastest_rad_s(feedback: JointFeedback, stale: frozenset[Joint]) -> float:
+    """The largest speed of a joint; stale: those whose last answer, for ever the same, tells nothing of now."""
+    speeds_rad_s = zip(Joint, map(abs, feedback.velocity_rad_s.tolist()), strict=True)
+    return max((speed for joint, speed in speeds_rad_s if joint not in stale), default=0.0)
+
+
+def _is_settled(state: ControlState, now_ns: int) -> bool:
+    """Whether the joints have been held for a while."""
     still_ns = now_ns - state.still_since_ns
-    if state.motion.mode is not Mode.HOLDING or not state.still_since_ns or still_ns < SETTLED_NS:
-        return 0.0
-    return float(np.abs(feedback.velocity_rad_s).max())
+    held = state.streams.powered and state.motion.mode is Mode.HOLDING
+    return held and state.still_since_ns > 0 and still_ns >= SETTLED_NS

@@ -101,6 +101,7 @@ class ActionRequest:
     source: Source
     recognised_ns: int = 0
     released_ns: int = 0
+    pressed_ns: int = 0  # capture of the frame in which the push that released it had pressed
     requested_ns: int = 0  # when a key's request was sent
 
 
@@ -122,6 +123,7 @@ class StreamState(Struct, frozen=True, kw_only=True):
     link: LinkHealth | None = None  # None: the console is on this host
     resumed_ns: int = 0  # when control last came back from missed ticks
     own_delay_ns: int = 0  # how long control sent no command, of the time since the oldest feedback
+    reader_delay_ns: int = 0  # how long control stood still, of the time since the stop inputs' newest reading
     unread_ns: int = 0  # how long control read no command, of the time since the console's newest one
     clock_offset_ns: int  # wall minus monotonic
     sleep_ns: int  # boot time minus monotonic: how long the host has slept
@@ -172,6 +174,7 @@ def update_streams(streams: StreamState, inputs: Inputs, lease: int) -> StreamSt
         link=inputs.link or streams.link,
         resumed_ns=now_ns if inputs.missed_ticks else streams.resumed_ns,
         own_delay_ns=_own_delay_ns(streams, inputs),
+        reader_delay_ns=_reader_delay_ns(streams, inputs),
         unread_ns=(0 if streams.console_ns > streams.resumed_ns else streams.unread_ns) + _delay_ns(inputs),
         clock_offset_ns=offset_ns,
         sleep_ns=sleep_ns,
@@ -187,6 +190,13 @@ def _own_delay_ns(streams: StreamState, inputs: Inputs) -> int:
     all_since_resumed = min(answers_ns(inputs.feedback, streams.powered), default=inputs.now_ns) > streams.resumed_ns
     before_ns = 0 if all_since_resumed else streams.own_delay_ns
     return before_ns + _delay_ns(inputs)
+
+
+def _reader_delay_ns(streams: StreamState, inputs: Inputs) -> int:
+    """The thread that reads the stop inputs stands still with control; a reading after a delay ends it."""
+    read_ns = inputs.stop_inputs.at_ns
+    before_ns = 0 if read_ns > streams.resumed_ns else streams.reader_delay_ns
+    return before_ns + min(_delay_ns(inputs), inputs.now_ns - read_ns)
 
 
 def answers_ns(feedback: JointFeedback, powered: bool) -> list[int]:
@@ -212,6 +222,7 @@ def new_release(streams: StreamState, report: TriggerReport | None) -> ActionReq
         source=Source.GESTURE,
         recognised_ns=report.released_recognised_ns,
         released_ns=report.released_ns,
+        pressed_ns=report.released_pressed_ns,
     )
 
 

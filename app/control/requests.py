@@ -73,7 +73,7 @@ def handle_gesture(tick: Tick) -> None:
     request = new_release(tick.state.streams, tick.inputs.report)
     if request is None:
         return
-    untimely = untimely_release(request.released_ns, tick.state.armed_ns, tick.now_ns)
+    untimely = untimely_release(request.released_ns, request.pressed_ns, tick.state.armed_ns, tick.now_ns)
     if untimely is not None:
         refuse(tick, request, reason(untimely[0]), compared=untimely[1])
     elif foreign := outside_vocabulary(request.action, tick.settings.vocabulary):
@@ -131,9 +131,12 @@ def outside_vocabulary(action: Action, vocabulary: frozenset[Gesture]) -> Reason
 Untimely = tuple[RequestRefusal, Compared]  # why a request of that moment is not answered at all
 
 
-def untimely_release(released_ns: int, armed_ns: int, now_ns: int) -> Untimely | None:
-    """A stale release never acts, not even later, nor does one from before the arming."""
-    age_ms, before_ms = (now_ns - released_ns) / NS_PER_MS, (armed_ns - released_ns) / NS_PER_MS
+def untimely_release(released_ns: int, pressed_ns: int, armed_ns: int, now_ns: int) -> Untimely | None:
+    """A stale release never acts, not even later, nor does one whose press began before the arming.
+
+    A wearer who pushes while nothing comes of it draws the hand back at last, and means nothing by it.
+    """
+    age_ms, before_ms = (now_ns - released_ns) / NS_PER_MS, (armed_ns - pressed_ns) / NS_PER_MS
     if not -FUTURE_MS <= age_ms <= TRIGGER.stale_ms:
         limit_ms = TRIGGER.stale_ms if age_ms > 0 else -FUTURE_MS
         return RequestRefusal.RELEASE_EXPIRED, Compared("request_age_ms", age_ms, limit_ms)
@@ -195,7 +198,8 @@ def _record_refusal(
 
 def _grounds(tick: Tick, request: ActionRequest) -> dict[str, Any]:
     """What else an answer takes, for the trail."""
-    return {"requested_ns": request.requested_ns, "settled": tick.state.motion.settled, "in_force": tick.in_force}
+    moments = {"pressed_ns": request.pressed_ns, "requested_ns": request.requested_ns}
+    return moments | {"settled": tick.state.motion.settled, "in_force": tick.in_force}
 
 
 def _latch(tick: Tick, request: ActionRequest) -> None:
@@ -277,6 +281,8 @@ def _acknowledge(tick: Tick, command: OperatorCommand) -> None:
     if not tick.stopped:
         tick.acknowledged_ns = command.sent_ns
         _reset_stops(tick, {one.event for one in tick.state.events} - {one.event for one in waiting})
+    if waiting and tick.state.armed_ns:  # until now no push had an effect
+        tick.update(armed_ns=tick.now_ns)
     why = RequestRefusal.STOPPED_MEANWHILE if tick.stopped else RequestRefusal.NOTHING_TO_ACKNOWLEDGE
     since_ns = min((one.since_ns for one in waiting), default=tick.now_ns)
     tick.audit.append(
@@ -284,6 +290,7 @@ def _acknowledge(tick: Tick, command: OperatorCommand) -> None:
             events=tuple(one.event.value for one in waiting),
             waited_s=(tick.now_ns - since_ns) / 1e9,
             accepted=bool(waiting),
+            at_ns=tick.now_ns,
             reason="" if waiting else reason(why),
         )
     )

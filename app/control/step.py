@@ -37,7 +37,7 @@ from app.control.requests import arbitrate, end_unattended, handle_gesture, hand
 from app.control.running_action import Stage, measure, note_command
 from app.control.silence import update_silences
 from app.control.state import ControlState, Tick
-from app.control.stop_inputs import input_records, update_stop_inputs
+from app.control.stop_inputs import input_records, reader_age_ns, update_stop_inputs
 from app.ipc.states import Effect, Event, RequestRefusal
 from app.ipc.streams import AUDIT_HEALTH, DAMP_NS, GUARDIAN, NS_PER_MS, OPERATOR, TRIGGER
 from app.motion import follower
@@ -114,7 +114,8 @@ def _measure_last_tick(tick: Tick) -> None:
 
 def _update_stop_inputs(tick: Tick) -> None:
     before, inputs = tick.state.stop_inputs, tick.inputs
-    after = update_stop_inputs(before, inputs.stop_inputs, inputs.now_ns, tick.state.streams.resumed_ns)
+    age_ns = reader_age_ns(inputs.stop_inputs, inputs.now_ns, tick.state.streams.reader_delay_ns)
+    after = update_stop_inputs(before, inputs.stop_inputs, inputs.now_ns, age_ns)
     if after != before:
         tick.update(stop_inputs=after)
         tick.audit.extend(input_records(before, after, inputs.stop_inputs.at_ns))
@@ -169,8 +170,9 @@ def _apply_effect(tick: Tick) -> None:
 
 
 def _apply_torque_off(tick: Tick) -> None:
-    """End what waits for its plan or for power, though it was requested in the same tick."""
-    if tick.drives is DriveOrder.DISABLE and tick.state.running is not None:
+    """End what waits for its plan or for power, though it was requested, or is planned, in the same tick."""
+    torque_off = tick.drives is DriveOrder.DISABLE or tick.state.torque_off
+    if torque_off and tick.state.running is not None:
         _interrupt(tick, reason(RequestRefusal.TORQUE_OFF))
 
 

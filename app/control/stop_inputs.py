@@ -34,18 +34,16 @@ class StopInputState(Struct, frozen=True, kw_only=True):
 StopInputStates = tuple[StopInputState, ...]
 
 
-def update_stop_inputs(
-    before: StopInputStates, readings: InputReadings, now_ns: int, resumed_ns: int
-) -> StopInputStates:
-    """The buttons after a tick; resumed_ns: when control last came back from missed ticks, as its reader did."""
-    silent = reader_age_ns(readings, now_ns, resumed_ns) > READER_SILENT_NS
+def update_stop_inputs(before: StopInputStates, readings: InputReadings, now_ns: int, age_ns: int) -> StopInputStates:
+    """The buttons after a tick; age_ns: as of `reader_age_ns`."""
+    silent = age_ns > READER_SILENT_NS
     known: dict[str, StopInputState] = {one.name: one for one in before}
     return tuple(_updated(known.get(one.name), one, now_ns, silent=silent) for one in readings.inputs)
 
 
-def reader_age_ns(readings: InputReadings, now_ns: int, resumed_ns: int) -> int:
-    """How long ago the inputs were read, less the time in which control did not run either; 0 without inputs."""
-    return now_ns - max(readings.at_ns, resumed_ns) if readings.inputs else 0
+def reader_age_ns(readings: InputReadings, now_ns: int, delay_ns: int) -> int:
+    """How long ago the inputs were read, less delay_ns, in which control did not run either; 0 without inputs."""
+    return now_ns - readings.at_ns - delay_ns if readings.inputs else 0
 
 
 def input_records(before: StopInputStates, after: StopInputStates, at_ns: int) -> Iterator[records.Body]:

@@ -50,6 +50,7 @@ class TriggerReport(Struct, frozen=True, kw_only=True, tag="trigger"):
     released_gesture: Gesture | None = None
     released_recognised_ns: int = 0
     released_ns: int = 0  # capture of the frame that released
+    released_pressed_ns: int = 0  # capture of the frame that had pressed
     cancel_count: int = 0
     cancel_reason: Reason | None = None
     press_hint: Reason | None = None  # why a hand that is near does not press

@@ -114,7 +114,14 @@ M = TypeVar("M", bound=msgspec.Struct)
 
 # One row a message: its fields that hold moments, and those that hold messages which do.
 MOMENTS: dict[type[msgspec.Struct], tuple[str, ...]] = {
-    TriggerReport: ("captured_ns", "sent_ns", "recognised_ns", "released_recognised_ns", "released_ns"),
+    TriggerReport: (
+        "captured_ns",
+        "sent_ns",
+        "recognised_ns",
+        "released_recognised_ns",
+        "released_ns",
+        "released_pressed_ns",
+    ),
     OperatorCommand: ("sent_ns",),
     ControlSnapshot: ("at_ns", "stop_received_ns", "stop_command_ns"),
     ActiveEvent: ("since_ns",),

@@ -26,7 +26,7 @@ class PerceptionNote(Enum):
     MODEL_LOADING = "model loading"
     THRESHOLD_UNSUITED = "threshold unsuited"  # threshold_m, zone: the press zone's explanation
     NO_DEPTH = "no depth"  # camera: the patient commands by depth
-    CALIBRATION_UNUSED = "calibration unused"  # camera: it gives images of another shape than were calibrated
+    CALIBRATION_UNUSED = "calibration unused"  # camera: it gives images of another shape or size than were calibrated
 
 
 @dataclass(slots=True)

@@ -78,6 +78,7 @@ def _with_button(message: TriggerReport, report: Report) -> TriggerReport:
         released_gesture=button.released_gesture,
         released_recognised_ns=button.released_recognised_ns,
         released_ns=button.released_ns,
+        released_pressed_ns=button.released_pressed_ns,
         cancel_count=button.cancel_count,
         cancel_reason=reason(button.cancel_reason) if button.cancel_reason else None,
         press_hint=reason(button.hint) if button.hint else None,

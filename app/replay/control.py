@@ -85,7 +85,7 @@ class ControlReplay:
                 continue
             again = replace(
                 body, action=ACTION_OF[Gesture(release.gesture)].value, gesture=release.gesture,
-                recognised_ns=release.recognised_ns,
+                recognised_ns=release.recognised_ns, pressed_ns=release.pressed_ns if body.pressed_ns else 0,
             )  # fmt: skip
             yield from differences(record, again)
 
@@ -147,7 +147,8 @@ class ControlReplay:
     def _untimely(self, body: r.Command | r.Refusal, now_ns: int) -> Untimely | None:
         if body.source == Source.THERAPIST.value:
             return untimely_key(body.requested_ns, now_ns)
-        return untimely_release(body.released_ns, self._armed_ns, now_ns)
+        # Older trails don't name the press: there the release was compared.
+        return untimely_release(body.released_ns, body.pressed_ns or body.released_ns, self._armed_ns, now_ns)
 
     def _foreign(self, body: r.Command | r.Refusal) -> Reason | None:
         """Why its gesture does not command."""
@@ -234,6 +235,8 @@ class ControlReplay:
 
     def _acknowledgement(self, record: Record, body: r.Acknowledgement) -> Iterator[Difference]:
         known = tuple(name for name in body.events if name in self._raised)
+        if known and self._armed_ns:
+            self._armed_ns = max(self._armed_ns, body.at_ns)  # 0 in older trails: it moved nothing there
         yield from differences(record, replace(body, events=known, accepted=bool(known)))
 
 

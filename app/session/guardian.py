@@ -80,15 +80,15 @@ def check_heartbeat(
     """The state after one check. Once it damps, it goes on until the drives are off, whatever control sends.
 
     It monitors again after control reports, from then on, that the drives are unpowered. It acts on the second check
-    in a row that finds the heartbeat stale; a check that was itself late knows nothing of the last moments and does
-    not count.
+    in a row that finds the heartbeat stale. A check that was itself late knows nothing of the last moments, in which
+    control may have stood still with it: it judges by the time of the check before.
     ending: the session is being closed, and the wearer is not left in damped joints for long.
     """
     if heartbeat is not None and state.heartbeat is not None and heartbeat.at_ns < state.heartbeat.at_ns:
         heartbeat = None  # sent before the newest one
     punctual = now_ns - state.checked_ns <= LATE_CHECK_NS
     newest = heartbeat or state.heartbeat
-    missed = state.missed + 1 if punctual and _lost(newest, now_ns) else 0
+    missed = state.missed + 1 if _lost(newest, now_ns if punctual else state.checked_ns) else 0
     state = replace(state, heartbeat=newest, checked_ns=now_ns, missed=missed)
     since_ns = now_ns - state.since_ns
     if state.action is GuardianAction.DAMP and since_ns > (ENDING_DAMP_NS if ending else DAMP_NS):

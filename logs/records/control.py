@@ -18,6 +18,7 @@ class Command(Struct, frozen=True, kw_only=True, tag_field="kind", tag="command"
     recognised_ns: int = 0
     released_ns: int = 0
     accepted_ns: int = 0
+    pressed_ns: int = 0  # when the push that was released had pressed; 0: a key's request, or an older trail
     requested_ns: int = 0  # a key's request: when it was sent
     settled: bool = False  # the legs were at rest
     in_force: tuple[str, ...] = ()  # events, strongest first
@@ -41,6 +42,7 @@ class Refusal(Struct, frozen=True, kw_only=True, tag_field="kind", tag="refusal"
     value: Measured = None
     limit: Measured = None
     joint: str = ""
+    pressed_ns: int = 0  # as of a command; 0 where it had been granted as well
     requested_ns: int = 0  # a key's request: when it was sent
     settled: bool = False  # the legs were at rest
     in_force: tuple[str, ...] = ()  # events, strongest first
@@ -163,6 +165,7 @@ class Acknowledgement(Struct, frozen=True, kw_only=True, tag_field="kind", tag="
     waited_s: float = 0.0  # since the oldest of them was raised
     accepted: bool = True
     reason: Cause = None
+    at_ns: int = 0  # a push that began before commands nothing; 0 in older trails
 
 
 class Stop(Struct, frozen=True, kw_only=True, tag_field="kind", tag="stop"):

@@ -182,11 +182,25 @@ def test_the_hysteresis_holds_at_its_boundaries() -> None:
     assert run([Seen(OUTSIDE_M + 1e-9)], state=held).release_count == 1
 
 
-def test_a_hand_seen_near_in_a_single_frame_is_a_slip_and_commands_nothing() -> None:
-    state = run([Seen(FAR), Seen(NEAR), Seen(FAR)])
+@pytest.mark.parametrize("rate_hz", [6, 8, 10, 15, 20, 24, 30])
+@pytest.mark.parametrize("hidden", [0, 1, GAP_FRAMES])
+def test_a_hand_measured_near_in_a_single_frame_is_a_slip_and_commands_nothing(rate_hz: int, hidden: int) -> None:
+    """hidden: of the frames after it."""
+    state = ButtonState()
+    for observed in [Seen(FAR), Seen(NEAR), *[LOST] * hidden, *[Seen(FAR)] * 3]:
+        state = step(state, observed, after_ns=round(1e9 / rate_hz))
     assert (state.pressed, state.release_count, state.cancel_count) == (False, 0, 1)
-    assert state.cancel_reason is PressCancel.TOO_SHORT
-    assert run([Seen(FAR), Seen(NEAR), Seen(BETWEEN), Seen(FAR)]).release_count == 1
+    assert state.cancel_reason is PressCancel.TOO_SHORT or (hidden + 1) / rate_hz > STALE_NS / 1e9
+
+
+@pytest.mark.parametrize("near", [NEAR, BETWEEN])
+def test_a_hand_measured_near_in_a_second_frame_commands(near: float) -> None:
+    for rate_hz in (8, 15, 30):
+        state = ButtonState()
+        for observed in (Seen(FAR), Seen(NEAR), Seen(near), Seen(FAR)):
+            state = step(state, observed, after_ns=round(1e9 / rate_hz))
+        assert state.release_count == 1
+        assert (state.released_pressed_ns, state.released_ns) == (2 * round(1e9 / rate_hz), 4 * round(1e9 / rate_hz))
 
 
 def test_a_gesture_made_meanwhile_is_not_what_the_push_began_with() -> None:
@@ -229,6 +243,16 @@ def test_an_approach_goes_on_over_a_short_gap_no_farther_than_in_one_frame(lost:
     leap = run([Seen(NEAR + APPROACH_M_S * FRAME_NS / 1e9 + 0.01), *gap, Seen(NEAR), Seen(NEAR)])
     assert not leap.pressed
     assert leap.hint is (PressHint.PUSH_STEADILY if lost <= GAP_FRAMES else PressHint.WITHDRAW_FIRST)
+
+
+@pytest.mark.parametrize("rate_hz", [30, 48, 60, 90, 120])
+def test_a_hole_at_the_threshold_hides_as_much_of_a_push_at_every_rate(rate_hz: int) -> None:
+    """In about a frame of 30 Hz a hand comes as near as at 30 Hz, and no nearer."""
+    for outside_m, presses in ((NEAR + 0.11, True), (NEAR + 0.12, False)):
+        state = ButtonState()
+        for observed in [*[Seen(outside_m)] * 3, *[LOST] * (math.ceil(rate_hz / 30) - 1), Seen(NEAR)]:
+            state = step(state, observed, after_ns=round(1e9 / rate_hz))
+        assert (state.pressed, state.hint) == (presses, None if presses else PressHint.PUSH_STEADILY)
 
 
 @pytest.mark.parametrize(("fall_m", "presses"), [(0.004, False), (0.005, False), (0.009, True), (0.02, True)])
@@ -328,7 +352,10 @@ def is_command(path: Sequence[Seen]) -> bool:
         if seen_withdrawing or observed.gesture is not last.gesture or observed.box is not OVER:
             return False
         if is_push(path, index):
-            return (len(path) - 1 - index) * FRAME_NS >= SHORTEST_PRESS_NS
+            measured_near = any(
+                one.distance_m is not None and one.distance_m <= OUTSIDE_M for one in path[index + 1 : -1]
+            )
+            return measured_near and (len(path) - 1 - index) * FRAME_NS >= SHORTEST_PRESS_NS
     return False
 
 

@@ -8,7 +8,15 @@ from dataclasses import replace
 
 import pytest
 
-from kgdfa.button import LONGEST_PRESS_NS, SHORTEST_PRESS_NS, ButtonMode, ButtonPlace, PressCancel, PressHint
+from kgdfa.button import (
+    LONGEST_PRESS_NS,
+    SHORTEST_PRESS_NS,
+    ButtonMode,
+    ButtonPlace,
+    ButtonState,
+    PressCancel,
+    PressHint,
+)
 from kgdfa.distance import OutlierState, accept_distance
 from kgdfa.frame_time import FRAME_NS
 from kgdfa.gesture import Gesture
@@ -106,6 +114,40 @@ def test_a_push_commands_at_every_frame_rate(rate_hz: int, misread: Gesture | No
 
 
 @pytest.mark.parametrize("rate_hz", [15, 30, 60, 90, 120])
+@pytest.mark.parametrize(
+    ("misread", "before_s", "after_s"),
+    [(None, 0.1, 0.15), (None, 0.2, 0.2), (Gesture.FOUR, 0.05, 0.05), (Gesture.FOUR, 0.06, 0.06)],
+)
+def test_what_is_misread_on_both_sides_of_a_cut_lasts_without_it(
+    rate_hz: int, misread: Gesture | None, before_s: float, after_s: float
+) -> None:
+    """The hand is pushed out of the image for a second."""
+    button = cut_off(rate_hz, misread, before_s, after_s)
+    assert (button.release_count, button.released_gesture, button.cancel_count) == (1, Gesture.FIVE, 0)
+
+
+@pytest.mark.parametrize("rate_hz", [30, 60, 90, 120])
+@pytest.mark.parametrize(("misread", "before_s", "after_s"), [(None, 0.3, 0.3), (Gesture.FOUR, 0.15, 0.15)])
+def test_a_cut_hides_nothing_of_what_was_misread_on_both_sides(
+    rate_hz: int, misread: Gesture | None, before_s: float, after_s: float
+) -> None:
+    button = cut_off(rate_hz, misread, before_s, after_s)
+    assert (button.release_count, button.cancel_reason) == (0, PressCancel.GESTURE_CHANGED)
+
+
+def cut_off(rate_hz: int, misread: Gesture | None, before_s: float, after_s: float) -> ButtonState:
+    """The button after a push whose hand is misread, cut off by the image's edge for a second, and misread again."""
+    readings = []
+    for number in range(4 * rate_hz):
+        at_s = number / rate_hz
+        distance_m = max(0.36 - 0.18 * max(at_s - 0.5, 0.0) / 0.25, 0.18) + 0.18 * max(at_s - 2.5, 0.0) / 0.25
+        wrong = 1.0 - before_s - 1e-6 <= at_s < 2.0 + after_s - 1e-6
+        reading = replace(FIVE, distance_m=min(distance_m, 0.36), gesture=misread if wrong else Gesture.FIVE)
+        readings.append(replace(reading, cut_off=1.0 - 1e-6 <= at_s < 2.0 - 1e-6))
+    return after(readings, period_ns=round(1e9 / rate_hz)).button
+
+
+@pytest.mark.parametrize("rate_hz", [15, 30, 60, 90, 120])
 def test_slips_before_a_push_are_no_changes_at_any_frame_rate(rate_hz: int) -> None:
     slips = [(at_s, at_s + 0.033 - 1e-6) for at_s in (0.2, 0.4)]
     readings = [
@@ -129,20 +171,34 @@ def test_only_a_press_that_was_too_long_is_compared_with_the_longest() -> None:
     assert (published.release_count, published.compared and published.compared.held_limit_ns) == (1, SHORTEST_PRESS_NS)
 
 
-@pytest.mark.parametrize("rate_hz", [30, 60, 120])
+@pytest.mark.parametrize("rate_hz", [6, 8, 10, 12, 15, 20, 24, 30, 48, 60])
+def test_a_slip_to_near_whose_return_is_refused_as_a_jump_commands_nothing(rate_hz: int) -> None:
+    """Near in one frame; the distance comes back farther than a hand can withdraw in one, and has none there."""
+    now = measured_at(rate_hz, [*[0.36] * max(rate_hz, 8), 0.29, 0.235, *[0.36] * rate_hz])
+    assert (now.button.release_count, now.button.cancel_reason) == (0, PressCancel.TOO_SHORT)
+
+
+@pytest.mark.parametrize("rate_hz", [6, 7, 8, 9, 10, 11, 12, 15, 30, 60, 120])
 @pytest.mark.parametrize("seed", range(20))
 def test_a_jump_to_afar_that_stays_is_no_withdrawal(rate_hz: int, seed: int) -> None:
     """The captures scatter by 0.1 ms: what ends the press and what believes the jump must not meet in one frame."""
-    scatter = random.Random(seed)
+    afar = [0.75] * max(rate_hz, 8)
+    measured_m = [*[0.36] * max(rate_hz, 8), *approach_m(rate_hz), *[0.20] * 20, *afar]
+    now = measured_at(rate_hz, measured_m, random.Random(seed))
+    assert (now.button.release_count, now.button.cancel_reason) == (0, PressCancel.DISTANCE_LOST)
+
+
+def measured_at(rate_hz: int, distances_m: Iterable[float], scatter: random.Random | None = None) -> Recognition:
+    """Frames whose distances must be believed first; scatter: of their captures."""
     state, now = OutlierState(), Recognition()
-    for number, measured_m in enumerate([*[0.36] * rate_hz, *approach_m(rate_hz), *[0.20] * 20, *[0.45] * rate_hz]):
-        captured_ns = round((number + 1) * 1e9 / rate_hz) + scatter.randint(-100_000, 100_000)
+    for number, measured_m in enumerate(distances_m):
+        captured_ns = round((number + 1) * 1e9 / rate_hz) + (scatter.randint(-100_000, 100_000) if scatter else 0)
         state, believed = accept_distance(state, measured_m, captured_ns)
         reading = replace(FIVE, captured_ns=captured_ns, distance_m=measured_m if believed else None)
         now = recognise(now, reading, PLACE, ButtonMode.ROBUST)
-    assert (now.button.release_count, now.button.cancel_reason) == (0, PressCancel.DISTANCE_LOST)
+    return now
 
 
 def approach_m(rate_hz: int) -> list[float]:
     """From 36 to 20 cm in 0.25 s."""
-    return [0.36 - 0.16 * number / (0.25 * rate_hz) for number in range(1, rate_hz // 4)]
+    return [0.36 - 0.16 * number / (0.25 * rate_hz) for number in range(1, max(2, rate_hz // 4))]

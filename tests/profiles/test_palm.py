@@ -111,10 +111,11 @@ def test_a_calibration_holds_for_another_resolution_and_another_focal_length(pat
 @pytest.mark.parametrize(
     ("width_px", "height_px", "source", "source_of_old"),  # old: its entry has no height
     [
-        (1920, 1080, ReferenceSource.CALIBRATED, ReferenceSource.CALIBRATED),
-        (848, 480, ReferenceSource.CALIBRATED, ReferenceSource.CALIBRATED),
+        (1280, 720, ReferenceSource.CALIBRATED, ReferenceSource.CALIBRATED),
+        (1920, 1080, ReferenceSource.CALIBRATED, ReferenceSource.ESTIMATED),
+        (848, 480, ReferenceSource.CALIBRATED, ReferenceSource.ESTIMATED),
         (720, 1280, ReferenceSource.CALIBRATED, ReferenceSource.ESTIMATED),  # on its side
-        (640, 480, ReferenceSource.ESTIMATED, ReferenceSource.CALIBRATED),
+        (640, 480, ReferenceSource.ESTIMATED, ReferenceSource.ESTIMATED),
         (480, 640, ReferenceSource.ESTIMATED, ReferenceSource.ESTIMATED),
     ],
 )

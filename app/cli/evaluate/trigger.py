@@ -129,8 +129,10 @@ def idle(
     The keypoints are simulated: the digital hand's own, with noise taken from MediaPipe on rendered frames.
     """
     from app.evaluate.trigger import idle as idling
+    from app.system.program import PROGRAM, program_identity
 
-    settings = idling.IdleSettings(seed=seed, threshold_m=threshold_cm / 100, holes=holes)
+    program = program_identity()[PROGRAM]
+    settings = idling.IdleSettings(seed=seed, threshold_m=threshold_cm / 100, holes=holes, program=program)
     before = idling.kept_progress(keep, settings)
     with open_detector(home) as detector, progress("detecting", idling.NOISE_WALKS * idling.NOISE_FRAMES) as step:
         clips = idling.take_noise(detector, step)

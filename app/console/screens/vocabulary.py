@@ -43,14 +43,19 @@ from profiles.store import ChangeCause
 OTHER_HANDS = {
     key_of(one) for one in (HandRefusal.TWO_HANDS, HandRefusal.OTHER_SIDE, HandRefusal.OTHER_ARM, HandRefusal.OVERLAP)
 }
+# The hand in view may be another one: it gives no gesture in a session, and so proves none here.
+UNKNOWN_HANDS = {key_of(one) for one in (HandRefusal.SIDE_UNCLEAR, HandRefusal.JUMPED)}
 BAR_CELLS = 20
 
 
 def frame_of(report: TriggerReport) -> Frame:
     """What the enrolment counts of a report."""
-    refusal = report.hand_refusal
-    other_hand = refusal is not None and refusal.code in OTHER_HANDS
-    return Frame(hand=report.hand and not other_hand, gesture=report.raw_gesture, other_hand=other_hand)
+    refused = report.hand_refusal.code if report.hand_refusal is not None else ""
+    return Frame(
+        hand=report.hand and refused not in OTHER_HANDS | UNKNOWN_HANDS,
+        gesture=report.raw_gesture,
+        other_hand=refused in OTHER_HANDS,
+    )
 
 
 def guide_lines(state: VocabularyEnrolment, report: TriggerReport | None) -> Lines:
@@ -58,7 +63,7 @@ def guide_lines(state: VocabularyEnrolment, report: TriggerReport | None) -> Lin
     sample = state.sample
     what = tr("vocabulary.show", gesture=tr(sample.gesture)) if sample.gesture else tr("vocabulary.idle")
     lines = [plain(what, "bold $primary")]
-    if report is None or not report.hand:
+    if report is None or not frame_of(report).hand:
         refusal = report.hand_refusal if report is not None else None
         lines.append(plain(render(refusal) if refusal else tr("gesture.no_hand"), "$warning"))
     elif state.lead < LEAD_FRAMES:

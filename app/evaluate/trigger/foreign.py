@@ -17,11 +17,11 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from msgspec import Struct
+from msgspec import Struct, structs
 from rich.table import Table
 
 from app.evaluate.digital import PoolDetector, iterate_pool, side_of
-from app.evaluate.harness import FRAME_NS, Step, keep_line, kept_lines, table
+from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, keep_line, kept_lines, table
 from app.evaluate.loop.response import APPROACH_M, THRESHOLD_M
 from app.evaluate.trigger.foreign_clips import (
     BESIDE_M,
@@ -35,6 +35,8 @@ from app.evaluate.trigger.foreign_clips import (
     turned,
 )
 from app.evaluate.trigger.table6 import Replay, chain
+from app.system.errors import AppError
+from app.system.program import PROGRAM, program_identity
 from app.text.catalogue import tr
 from hal.cameras.digital_hand.driver import DigitalHandCamera
 from hal.cameras.digital_hand.movement import SETTLED
@@ -75,7 +77,10 @@ class PushResult:
 
 
 class ClipOutcome(Struct, frozen=True, kw_only=True):
-    """What came of one clip; a line of the file that keeps them. right: of the enrolled hand's own push."""
+    """What came of one clip; a line of the file that keeps them. right: of the enrolled hand's own push.
+
+    program: SHA-256 of its files, since clips of other rules make no sum; empty: not kept, or before it was.
+    """
 
     name: str
     frames: int
@@ -85,6 +90,7 @@ class ClipOutcome(Struct, frozen=True, kw_only=True):
     refused: int
     reasons: dict[str, int]
     right: bool | None = None
+    program: str = ""
 
 
 @dataclass(slots=True)
@@ -217,9 +223,12 @@ def evaluate_foreign(
 ) -> ForeignResult:
     """Every clip, with the outcomes that `keep` holds already. An interrupt ends it with what there is.
 
-    Raises AppError for a file that can't be used.
+    Raises AppError for a file that can't be used, or holds clips of another program.
     """
+    program = program_identity()[PROGRAM]
     done = {outcome.name: outcome for outcome in kept_lines(keep, ClipOutcome)}
+    if any(outcome.program != program for outcome in done.values()):
+        raise AppError(EvaluateFault.PROGRESS_OF_OTHERS, file=keep)
     made = {clip.name: done[clip.name] for clip in wanted if clip.name in done}
     for _ in made:
         step()
@@ -227,7 +236,7 @@ def evaluate_foreign(
     try:
         for outcome in iterate_pool(pool, run_clip, [clip for clip in wanted if clip.name not in made], step):
             made[outcome.name] = outcome
-            keep_line(outcome, keep)
+            keep_line(structs.replace(outcome, program=program), keep)
     except KeyboardInterrupt:
         interrupted = True
     return collected(wanted, made, interrupted=interrupted)

@@ -76,11 +76,15 @@ class NoiseClip:
 
 
 class IdleSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """holes: share of frames in which the depth map misses the hand; None: no depth."""
+    """holes: share of frames in which the depth map misses the hand; None: no depth.
+
+    program: SHA-256 of its files, since frames of other rules make no sum; empty: kept before it was.
+    """
 
     seed: int = 1
     threshold_m: float = THRESHOLD_M
     holes: float | None = None
+    program: str = ""
 
     @property
     def chains(self) -> tuple[str, ...]:
@@ -115,7 +119,7 @@ class IdleResult(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 def kept_progress(path: Path | None, settings: IdleSettings) -> IdleResult:
-    """What an earlier run kept there. Raises AppError when it is no progress, or that of other settings."""
+    """What an earlier run kept there. Raises AppError for no progress, or that of other settings or another program."""
     if path is None or not path.exists() or not path.stat().st_size:
         return IdleResult(settings=settings)
     with reading(path):

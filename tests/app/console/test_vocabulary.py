@@ -12,15 +12,16 @@ import pytest
 from app.console.app import ConsoleApp
 from app.console.guidance import Light, results
 from app.console.screens.patients import PatientsScreen
-from app.console.screens.vocabulary import VocabularyScreen, frame_of
+from app.console.screens.vocabulary import VocabularyScreen, frame_of, guide_lines
 from app.ipc.messages import OperatorKind, TriggerReport
 from app.system.config import Config
 from app.system.operators import Role
 from app.system.paths import Home
 from app.system.vocabulary import VALID_FOR, recognition_hash, with_evidence
-from kgdfa.gesture import Gesture, HandRefusal
-from kgdfa.vocabulary import MOST_FRAMES, OTHER_HAND_FRAMES, PARTS, VocabularyProof
-from logs.reason import Reason, reason
+from kgdfa.continuity import Jump
+from kgdfa.gesture import Explanation, Gesture, HandRefusal
+from kgdfa.vocabulary import MOST_FRAMES, OTHER_HAND_FRAMES, PARTS, Frame, VocabularyEnrolment, VocabularyProof
+from logs.reason import Reason, reason, reason_of
 from logs.records import Body, Note, VocabularyEnrolled
 from profiles.files import encode
 from profiles.schema import DEMO_PATIENT, GestureUsed, HandUsed
@@ -248,6 +249,32 @@ def test_only_another_hand_is_another_hand(refusal: HandRefusal) -> None:
     other = {HandRefusal.TWO_HANDS, HandRefusal.OTHER_SIDE, HandRefusal.OTHER_ARM, HandRefusal.OVERLAP}
     shown = frame_of(msgspec.structs.replace(report, hand_refusal=reason(refusal)))
     assert shown.other_hand is (refusal in other)
+
+
+@pytest.mark.parametrize(
+    ("refusal", "counts", "guide"),
+    [
+        (None, True, "Take your time to form it"),
+        (HandRefusal.SIDE_UNCLEAR, False, "left or right? Turn the palm to the camera"),
+        (HandRefusal.JUMPED, False, "judging the hand anew"),
+        (HandRefusal.ALTERNATING, True, "Take your time to form it"),
+    ],
+)
+def test_a_hand_that_may_be_another_one_proves_no_gesture_and_is_told_why(
+    refusal: HandRefusal | None, counts: bool, guide: str
+) -> None:
+    """In a session it gives none; one whose gestures alternate is the enrolled one."""
+    values: dict[HandRefusal, dict[str, object]] = {
+        HandRefusal.ALTERNATING: {"gesture": G.TWO, "other": G.THREE},
+        HandRefusal.JUMPED: {"jump": Jump.PLACE},
+    }
+    told = None if refusal is None else reason_of(Explanation(refusal, values.get(refusal, {})))
+    report = TriggerReport(
+        incarnation=1, sequence=1, captured_ns=0, sent_ns=0, hand=True, gesture=None, raw_gesture=G.FIVE,
+        hand_refusal=told,
+    )  # fmt: skip
+    assert frame_of(report) == Frame(hand=counts, gesture=G.FIVE)
+    assert guide in str(guide_lines(VocabularyEnrolment(), report))
 
 
 @pytest.mark.parametrize(

@@ -109,6 +109,18 @@ def _moving(action: Action, state: GaitState) -> Rig:
     return rig
 
 
+def damped() -> Rig:
+    """A rig whose joints are damped: stopped twice while it stood, and acknowledged."""
+    rig = standing()
+    for _ in range(2):
+        rig.send(K.STOP)
+    rig.tick(DAMPING_TICKS + 5)
+    rig.send(K.ACKNOWLEDGE)
+    rig.tick(2)
+    rig.audit.clear()
+    return rig
+
+
 def request(rig: Rig, action: Action, source: Source) -> None:
     """An action asked for, by key or by hand."""
     if source is Source.THERAPIST:

@@ -78,6 +78,7 @@ class Rig:
     _releases: int = 0
     _released: Gesture | None = None
     _released_ns: int = 0
+    _pressed_ns: int = 0
     incarnation: int = 1
     lease: int = 1
     _commands: list[OperatorCommand] = field(default_factory=list)
@@ -93,15 +94,17 @@ class Rig:
         command = OperatorCommand(lease=self.lease, sequence=self._sequence, kind=kind, sent_ns=sent_ns, action=action)
         self._commands.append(command)
 
-    def release(self, gesture: Gesture, age_ms: float = 30.0) -> None:
-        """A released gesture, reported from the next report on."""
+    def release(self, gesture: Gesture, age_ms: float = 30.0, held_ms: float = 0.0) -> None:
+        """A released gesture, reported from the next report on; held_ms: from press to release."""
         self._releases += 1
         self._released, self._released_ns = gesture, self.now_ns + TICK_NS - int(age_ms * 1e6)
+        self._pressed_ns = self._released_ns - int(held_ms * 1e6)
 
     def restart_perception(self) -> None:
         """As the host does it."""
         self.incarnation += 1
-        self._releases, self._released, self._released_ns, self._reports = 0, None, 0, 0
+        self._releases, self._released, self._reports = 0, None, 0
+        self._released_ns = self._pressed_ns = 0
 
     def tick(self, times: int = 1) -> ControlState:
         """So many ticks."""
@@ -191,6 +194,7 @@ class Rig:
             "release_count": self._releases,
             "released_gesture": self._released,
             "released_ns": self._released_ns,
+            "released_pressed_ns": self._pressed_ns,
         }
         return TriggerReport(**(fields | self.report))
 

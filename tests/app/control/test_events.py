@@ -9,6 +9,8 @@ import pytest
 
 from app.control.events.row import Latch
 from app.control.events.table import LINGER_NS, ROW, TABLE
+from app.control.running_action import Stage
+from app.control.step import STREAM_OF
 from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, Effect, Event, GaitState, Source
 from app.motion.follower import Mode
@@ -18,6 +20,7 @@ from hal.joints.guard import limits_of
 from hal.joints.protocol import BusFault, DriveFault
 from kgdfa.gesture import Gesture
 from logs import records
+from logs.explain.text import NAMED
 from logs.reason import Reason, reason
 from tests.app.control.causes import CAUSES, Cause, E, fault, names_in, observed, one, rig_with
 from tests.app.control.moments import moving, standing
@@ -25,7 +28,8 @@ from tests.app.control.rig import DEVICE, SETTINGS, TICK_NS, Rig
 
 
 def test_every_row_has_its_test_and_every_event_its_row() -> None:
-    assert set(CAUSES) == set(Event) == set(ROW)
+    assert set(ROW) == set(Event), "a row of app/control/events for each event of app/ipc/states.py"
+    assert set(CAUSES) == set(Event), "a way to cause it: CAUSES, tests/app/control/causes.py"
     assert len(TABLE) == len(ROW)
 
 
@@ -37,6 +41,10 @@ def test_the_event_happens_with_its_effect_and_is_reported(event: Event) -> None
     raised = observed(rig, event)
     assert raised, rig.events()
     assert raised[0].effect == row.effect.name.lower()
+    quantity = raised[0].quantity
+    if event not in {E.GUARD_REFUSAL, E.LINK_POOR}:  # whose quantities are shown as they are recorded
+        assert quantity in NAMED | {""}, "word it: _WORDED in logs/explain/text.py, compared.NAME in trail.po"
+    assert (quantity == "message_age_ms") is (event in STREAM_OF), "whose message: STREAM_OF in app/control/step.py"
     at_its_time = [state for state, _ in rig.history if any(one.event is event for one in state.events)]
     assert at_its_time
     assert at_its_time[0].effect >= row.effect
@@ -293,6 +301,24 @@ def test_without_power_a_joint_that_is_not_asked_is_not_unresponsive() -> None:
     assert E.JOINT_TIMEOUT.value in rig.events()
     (raised,) = observed(rig, E.JOINT_TIMEOUT)
     assert raised.text == Reason(key_of(E.JOINT_TIMEOUT), {"detail": reason(Joint.RIGHT_HIP)})
+
+
+@pytest.mark.parametrize("swings", [False, True])
+def test_the_last_speed_of_a_joint_that_is_not_asked_without_power_refuses_no_power(*, swings: bool) -> None:
+    """It was read right after torque off, while the leg swung. With power it is asked again: still no stiffness."""
+    rig = unpowered()
+    rig.joints.velocity_rad_s = one(0.8)
+    rig.joints.mute = rig.joints.unasked = frozenset({Joint.LEFT_KNEE})
+    rig.tick(LINGER_NS // TICK_NS + 20)
+    rig.send(OperatorKind.ACT, Action.INITIALISE)
+    state = rig.run_until(lambda m: m.running is None or m.running.stage is Stage.ENABLING, 10)
+    assert state.running is not None
+    rig.joints.mute = frozenset()
+    rig.joints.velocity_rad_s = one(0.8 * swings)
+    state = rig.run_until(lambda m: m.running is None or m.running.stage is Stage.STIFFENING, 10)
+    assert (state.motion.mode, E.LEGS_MOVING.value in rig.events()) == (
+        (Mode.DISABLED, True) if swings else (Mode.STIFFENING, False)
+    )
 
 
 def test_without_power_control_itself_may_stand_still_for_longer() -> None:

@@ -16,9 +16,10 @@ from app.control.inputs import HOST_SUSPENDED_S
 from app.control.links import ControlLinks, Received
 from app.control.loop import Control
 from app.ipc.links import new_link_directory
-from app.ipc.messages import AuditHealth, GuardianHealth, OperatorCommand, OperatorKind, RealTime
+from app.ipc.messages import AuditHealth, GuardianHealth, Heartbeat, OperatorCommand, OperatorKind, RealTime
 from app.ipc.streams import AUDIT_HEALTH, GUARDIAN
 from app.system.config import Config, JointsConfig, SessionSetup
+from hal.errors import DrivesFault, HardwareError
 from hal.joints.protocol import DriveState, JointCommand, JointFeedback
 from logs.records import Body, HeartbeatLost
 from profiles.schema import DEMO_PATIENT
@@ -61,10 +62,18 @@ class SlowDrives(IdealJoints):
         self.state = DriveState.DISABLED
 
 
+class SilentDrives(SlowDrives):
+    """Drives that do not confirm that they are off."""
+
+    def close(self, now_ns: int) -> None:
+        raise HardwareError(DrivesFault.NOT_CONFIRMED_OFF, joints=())
+
+
 class Links(ControlLinks):
     """Audit and guardian have always just sent; the operator switches off in one tick and ends in a later one."""
 
     def __init__(self, off_tick: int) -> None:
+        self.heartbeats = list[Heartbeat]()
         self._kinds = {off_tick: OperatorKind.TORQUE_OFF, off_tick + 10: OperatorKind.SHUT_DOWN}
         self._tick = 0
 
@@ -85,8 +94,8 @@ class Links(ControlLinks):
     def send_plan_requests(self, plan_requests: object) -> None:
         """Nobody plans."""
 
-    def send_heartbeat(self, heartbeat: object) -> None:
-        """Nobody guards."""
+    def send_heartbeat(self, heartbeat: Heartbeat) -> None:
+        self.heartbeats.append(heartbeat)
 
     def send_snapshot(self, snapshot: object) -> None:
         """Nobody looks."""
@@ -144,3 +153,17 @@ def test_a_wait_for_the_drives_loses_no_heartbeat_of_audit_or_guardian(
     assert Clock.now_ns > began_ns + WAIT_NS
     lost = {body.stream for body in recorded if isinstance(body, HeartbeatLost)}
     assert not lost & {AUDIT_HEALTH.name, GUARDIAN.name}
+
+
+@pytest.mark.parametrize("joints", [SlowDrives(), SilentDrives()])
+def test_the_guardian_is_left_with_powered_drives_where_one_has_not_confirmed_that_it_is_off(
+    setup: SessionSetup, joints: SlowDrives
+) -> None:
+    with closing(Control(setup, RealTime())) as control:
+        control._links.close()
+        control._links = links = Links(off_tick=9)
+        control._drives = Drives(joints, SETTINGS.limits, SETTINGS.gains)
+    confirmed = not isinstance(joints, SilentDrives)
+    newest = links.heartbeats[-1]
+    assert (newest.enabled, newest.last) == (not confirmed, confirmed)
+    assert not any(one.last for one in links.heartbeats[:-1])

@@ -10,6 +10,7 @@ import pytest
 from app.control.diagnostics import FOLLOWING_WARN_RAD
 from app.ipc.states import Effect, Event
 from hal.joints.device import Joint
+from hal.joints.protocol import DriveState
 from logs import records
 from tests.app.control.moments import K, moving, now, records_of, standing, sunk
 from tests.app.control.rig import TICK_NS, Rig
@@ -142,6 +143,31 @@ def test_a_silence_that_was_acknowledged_while_it_lasted_lets_no_joint_be_pulled
     rig.tick()
     assert now(rig).effect is Effect.DAMP
     assert rig.command.stiffness_nm_rad[Joint.RIGHT_KNEE] == 0
+
+
+@pytest.mark.parametrize("joint", Joint)
+def test_the_speed_of_a_joint_that_fell_silent_in_a_swing_damps_nobody_when_the_legs_are_held(joint: Joint) -> None:
+    """What it answered last is reported for ever; a connector is loose, or its cable breaks."""
+    rig = moving()
+    rig.joints.velocity_rad_s = 1.2 * np.eye(4)[joint]
+    rig.tick()
+    rig.joints.mute = frozenset({joint})
+    assert max(rig.tick().effect for _ in range(500)) is Effect.HOLD
+    assert rig.command.stiffness_nm_rad.min() > 0
+    rig.joints.velocity_rad_s = rig.joints.velocity_rad_s + 0.61 * np.eye(4)[joint - 1]
+    assert rig.tick().effect is Effect.DAMP, "another one that does answer"
+
+
+def test_the_speed_of_a_joint_that_fell_silent_is_no_motion_when_its_drive_loses_power() -> None:
+    rig = moving()
+    rig.joints.velocity_rad_s = 1.2 * np.eye(4)[Joint.RIGHT_HIP]
+    rig.tick()
+    rig.joints.mute = frozenset({Joint.RIGHT_HIP})
+    rig.tick(500)
+    rig.joints.state = DriveState.DISABLED
+    rig.tick()
+    assert Event.DRIVES_POWER_LOST.value in rig.events()
+    assert now(rig).effect is Effect.HOLD
 
 
 def stand_still(rig: Rig, ticks: int) -> None:

@@ -12,6 +12,7 @@ from kgdfa.gesture import Gesture
 from logs import records
 from logs.reason import reason
 from tests.app.control.moments import GRANTED, RESTS, A, K, S, moving, now, records_of, request, resting, standing
+from tests.app.control.rig import Rig
 
 
 @pytest.mark.parametrize("armed", [True, False])
@@ -125,6 +126,58 @@ def test_a_release_made_just_before_the_arming_does_not_act() -> None:
     rig.tick(30)
     assert not records_of(rig, records.Command)
     assert now(rig).refusal == reason(RequestRefusal.RELEASED_BEFORE_ARMING)
+
+
+HELD_MS = [(100, True), (400, False)]  # released 240 ms after a moment: the first press began after it
+
+
+@pytest.mark.parametrize(("held_ms", "acts"), HELD_MS)
+def test_a_press_that_began_before_the_arming_commands_nothing_after_it(held_ms: float, acts: bool) -> None:
+    rig = standing()
+    rig.send(K.DISARM)
+    rig.tick()
+    rig.send(K.ARM)
+    rig.tick(120)
+    rig.release(Gesture.ONE, held_ms=held_ms)
+    rig.tick(20)
+    judge(rig, held_ms, acts)
+
+
+@pytest.mark.parametrize(("held_ms", "acts"), HELD_MS)
+def test_a_press_that_began_before_an_acknowledgement_commands_nothing_after_it(held_ms: float, acts: bool) -> None:
+    rig = standing()
+    rig.send(K.STOP)
+    rig.tick(300)
+    rig.send(K.ACKNOWLEDGE)
+    rig.tick(120)
+    rig.release(Gesture.ONE, held_ms=held_ms)
+    rig.tick(20)
+    judge(rig, held_ms, acts)
+
+
+def judge(rig: Rig, held_ms: float, acts: bool) -> None:
+    answers: list[records.Command | records.Refusal] = [*records_of(rig, records.Command)]
+    answers += records_of(rig, records.Refusal)
+    assert [one.released_ns - one.pressed_ns for one in answers] == [held_ms * 1_000_000]
+    assert bool(records_of(rig, records.Command)) is acts
+    assert now(rig).refusal == (None if acts else reason(RequestRefusal.RELEASED_BEFORE_ARMING))
+
+
+def test_an_acknowledgement_of_nothing_ends_no_press_and_none_arms() -> None:
+    rig = standing()
+    rig.send(K.ACKNOWLEDGE)
+    rig.tick(120)
+    rig.release(Gesture.ONE, held_ms=400)
+    rig.tick(20)
+    assert len(records_of(rig, records.Command)) == 1
+    rig.settle()
+    rig.send(K.DISARM)
+    rig.send(K.STOP)
+    rig.tick(300)
+    rig.send(K.ACKNOWLEDGE)
+    rig.tick(2)
+    assert [one.accepted for one in records_of(rig, records.Acknowledgement)] == [False, True]
+    assert not now(rig).armed_ns
 
 
 def test_a_perception_that_restarts_repeats_nothing_and_is_received_again() -> None:

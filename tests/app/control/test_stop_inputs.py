@@ -14,7 +14,7 @@ from hal.inputs.device import Contact, InputRole
 from logs import records
 from tests.app.control.causes import Switch, lag, with_switch
 from tests.app.control.moments import HOLD_TICKS, RESTS, A, K, S, moving, now, records_of, resting, standing
-from tests.app.control.rig import Rig
+from tests.app.control.rig import TICK_NS, Rig
 from tests.app.control.test_step_stop import MOVEMENTS
 
 LIMIT_NS = 25_000_000
@@ -181,6 +181,31 @@ def test_a_tick_that_is_late_is_not_the_readers_silence() -> None:
     rig.spoil.update(late_ns=30_000_000, missed_ticks=15, stop_inputs=rig.stop_inputs.newest)  # type: ignore[union-attr]
     rig.tick()
     assert rig.events() == {Event.TICK_LATE.value, Event.CONTROL_LATE.value}
+
+
+@pytest.mark.parametrize("every_ms", [4, 18, 100, 190])
+def test_a_reader_that_ended_is_noticed_while_control_misses_a_tick_now_and_then(every_ms: int) -> None:
+    """Only the ticks that it misses are not the reader's silence."""
+    rig = standing()
+    switch = with_pressed_once(rig)
+    rig.plan_s = 3.0
+    rig.send(K.ACT, A.STEP_RIGHT_FIRST)
+    rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.MOVING)
+    rig.reading, switch.contact = False, Contact.OPEN
+    assert rig.stop_inputs is not None
+    read_ns, missed_ns = rig.stop_inputs.newest.at_ns, 0
+    after_ns: dict[Effect, int] = {}
+    for tick in range(1, 200):
+        if tick % (every_ms * 1_000_000 // TICK_NS) == 0:
+            rig.now_ns += TICK_NS
+            missed_ns += TICK_NS
+            rig.spoil.update(late_ns=TICK_NS, missed_ticks=1)
+        effect = rig.tick().effect
+        for wanted in (Effect.PAUSE, Effect.HOLD):
+            if effect >= wanted:
+                after_ns.setdefault(wanted, rig.now_ns - read_ns - missed_ns)
+    assert LIMIT_NS - 5_000_000 <= after_ns[Effect.PAUSE] <= LIMIT_NS
+    assert ENDED_NS - 5_000_000 <= after_ns[Effect.HOLD] <= ENDED_NS
 
 
 def test_nothing_moves_until_each_button_was_pressed_once_and_let_go() -> None:

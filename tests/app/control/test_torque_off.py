@@ -26,20 +26,8 @@ from logs.reason import reason
 from profiles.schema import DEMO_PATIENT
 from testing.fake_host import FakeHost
 from tests.app.console.conftest import wait_until
-from tests.app.control.moments import DAMPING_TICKS, A, K, S, drives, now, records_of, resting, standing
-from tests.app.control.rig import Rig
-
-
-def damped() -> Rig:
-    """Stopped twice, and acknowledged."""
-    rig = standing()
-    for _ in range(2):
-        rig.send(K.STOP)
-    rig.tick(DAMPING_TICKS + 5)
-    rig.send(K.ACKNOWLEDGE)
-    rig.tick(2)
-    rig.audit.clear()
-    return rig
+from tests.app.control.moments import DAMPING_TICKS, A, K, S, damped, drives, now, records_of, resting, standing
+from tests.app.control.rig import TICK_NS, Rig
 
 
 def shown(rig: Rig) -> ControlSnapshot:
@@ -95,6 +83,27 @@ def test_it_ends_a_stand_that_is_requested_in_the_same_tick() -> None:
         rig.tick(400)
         assert (drives(rig), now(rig).gait.state, now(rig).running) == (DriveState.DISABLED, S.UNPOWERED, None)
         assert now(rig).reports[-1].reason == reason(RequestRefusal.TORQUE_OFF)
+
+
+@pytest.mark.parametrize("missed", [0, 2])
+def test_it_takes_the_torque_in_the_tick_in_which_the_plan_comes_that_would_stiffen_the_joints(missed: int) -> None:
+    rig = damped()
+    rig.answer_ticks = 5
+    rig.send(K.ACT, A.INITIALISE)
+    rig.tick(5)
+    assert now(rig).running is not None
+    rig.send(K.TORQUE_OFF)
+    rig.spoil = {"missed_ticks": missed, "late_ns": missed * TICK_NS}
+    rig.tick()
+    assert (drives(rig), now(rig).gait.state, now(rig).torque_off) == (DriveState.DISABLED, S.UNPOWERED, False)
+    assert now(rig).reports[-1].reason == reason(RequestRefusal.TORQUE_OFF)
+    rig.answer_ticks = 1
+    rig.tick(5)
+    assert rig.act(A.INITIALISE).gait.state is S.STANDING
+    for _ in range(2):
+        rig.send(K.STOP)
+    rig.tick(2 * DAMPING_TICKS)
+    assert drives(rig) is DriveState.ENABLED, "nothing of it is left for the next damping"
 
 
 def test_it_is_recorded_as_taken_and_as_refused() -> None:

@@ -246,9 +246,11 @@ def test_a_palm_that_the_lens_makes_none_is_a_lasting_hint_and_no_end(made: Perc
     assert [one.text for one in Sink.records if isinstance(one, EventRaised)] == [sent[-1].hint]
 
 
-@pytest.mark.parametrize(("height_px", "unused"), [(480, True), (360, False), (0, False)])
+@pytest.mark.parametrize(
+    ("width_px", "height_px", "unused"), [(640, 480, True), (640, 360, False), (640, 0, False), (1280, 0, True)]
+)
 def test_a_calibration_on_images_of_another_shape_is_a_lasting_hint(
-    made: Perception, height_px: int, unused: bool
+    made: Perception, width_px: int, height_px: int, unused: bool
 ) -> None:
     camera = made._camera.camera
     frame = made._camera.read(0.0, PATIENCE_S)
@@ -257,7 +259,7 @@ def test_a_calibration_on_images_of_another_shape_is_a_lasting_hint(
     focal_px = frame.intrinsics.fx_px
     calibration = Calibration(
         camera=camera.name, focal_anchor_px_m=focal_px * reference_segment(DEMO_PATIENT).length_m, focal_px=focal_px,
-        distance_m=0.3, residual=0.01, calibrated_at="2026", width_px=640, height_px=height_px,
+        distance_m=0.3, residual=0.01, calibrated_at="2026", width_px=width_px, height_px=height_px,
     )  # fmt: skip
     setup = structs.replace(made._setup, profile=with_calibration(DEMO_PATIENT, calibration))
     hint = pipeline.lasting_hint(setup, pipeline.zone_for(setup, frame, camera.name), frame, camera.name)

@@ -119,13 +119,16 @@ def test_without_a_frame_the_counts_stay() -> None:
         released_gesture=Gesture.ONE,
         released_ns=7,
         released_recognised_ns=6,
+        released_pressed_ns=5,
         cancel_count=1,
         hint=PressHint.KEEP_GESTURE,
     )
     last = replace(REPORT, button=pressed)
     seen, without = with_report(WITHOUT_HAND, last), with_counts(WITHOUT_HAND, last)
-    counted = ("release_count", "released_gesture", "released_ns", "released_recognised_ns", "cancel_count")
+    moments = ("released_ns", "released_recognised_ns", "released_pressed_ns")
+    counted = ("release_count", "released_gesture", "cancel_count", *moments)
     assert [getattr(without, name) for name in counted] == [getattr(seen, name) for name in counted]
+    assert [getattr(seen, name) for name in moments] == [7, 6, 5]
     assert (seen.pressed, without.pressed, without.press_hint, without.hand) == (True, False, None, False)
 
 

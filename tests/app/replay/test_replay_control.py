@@ -74,6 +74,8 @@ def walked() -> Rig:
     rig.tick(20)
     rig.send(K.ARM)
     rig.release(Gesture.ONE, age_ms=10)  # refused: released before the arming
+    rig.tick(100)
+    rig.release(Gesture.ONE, held_ms=400)  # refused: pressed before the arming
     rig.tick(20)
     rig.send(K.ACT, A.STEP_RIGHT_FIRST)
     rig.tick(100)
@@ -82,7 +84,9 @@ def walked() -> Rig:
     rig.send(K.ACT, A.STEP_LEFT)  # refused: STOP
     rig.settle()
     rig.send(K.ACKNOWLEDGE)
-    rig.tick(5)
+    rig.tick(100)
+    rig.release(Gesture.ONE, held_ms=400)  # refused: pressed before the acknowledgement
+    rig.tick(20)
     rig.act(A.INITIALISE)
     rig.send(K.STOP)
     rig.send(K.STOP)
@@ -139,6 +143,34 @@ def test_whatever_a_refusal_recorded_is_decided_again(session: list[Body]) -> No
             tampered[place] = msgspec.structs.replace(body, **{field: changed(field, getattr(body, field))})
             told = replay(trail(tampered, "control")).differences
             assert (place, field) in {(one.sequence, one.field) for one in told}, body
+
+
+def test_trails_that_compared_the_release_with_the_arming_are_replayed_as_they_were_decided() -> None:
+    """They name no press, and no moment of an acknowledgement: a press from before either commanded."""
+    rig = begun()
+    rig.act(A.INITIALISE)
+    rig.send(K.STOP)
+    rig.tick(300)
+    rig.send(K.ACKNOWLEDGE)
+    rig.tick(20)
+    rig.release(Gesture.ONE)
+    rig.tick(20)
+    command = next(body for body in reversed(rig.audit) if isinstance(body, r.Command))
+    older = [limits_record(SETTINGS), *(without_presses(body) for body in rig.audit)]
+    assert replay(trail(older, "control")).differences == ()
+    armed_ns = next(body.at_ns for body in reversed(rig.audit) if isinstance(body, r.Acknowledgement))
+    early = [*older]
+    early[early.index(without_presses(command))] = msgspec.structs.replace(command, pressed_ns=armed_ns - 1)
+    assert replay(trail(early, "control")).differences == (), "nor did an acknowledgement without its moment count"
+    now = [limits_record(SETTINGS), *rig.audit]
+    now[now.index(command)] = msgspec.structs.replace(command, pressed_ns=armed_ns - 1)
+    assert {one.field for one in replay(trail(now, "control")).differences} == {"decision"}
+
+
+def without_presses(body: Body) -> Body:
+    if isinstance(body, r.Command | r.Refusal):
+        return msgspec.structs.replace(body, pressed_ns=0)
+    return msgspec.structs.replace(body, at_ns=0) if isinstance(body, r.Acknowledgement) else body
 
 
 def test_a_gesture_outside_the_vocabulary_is_refused_again() -> None:
@@ -256,7 +288,8 @@ def test_every_event_with_a_number_is_raised_again_by_it_and_by_no_smaller_one(e
     cause.make(rig)
     rig.tick(cause.ticks)
     again = replayed(rig)
-    assert [one for one in again.differences if one.kind == "event-raised"] == []
+    wrong = [one for one in again.differences if one.kind == "event-raised"]
+    assert wrong == [], "where its value stands in the diagnostics: _PLACE, app/replay/events.py"
     for place, body in enumerate(bodies := [limits_record(SETTINGS), *rig.audit]):
         if not isinstance(body, r.EventRaised) or body.value is None or body.limit is None or body.event != event.value:
             continue

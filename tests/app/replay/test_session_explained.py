@@ -191,6 +191,7 @@ def test_the_replay_is_equal(home: Path, found: list[Record]) -> None:
         (r.Cancel, "beside_px", 0.5),
         (r.Refusal, "in_force", ("stop",)),
         (r.Command, "action", Action.WALK.value),
+        (r.Command, "pressed_ns", 1),
         (r.EffectChanged, "to_effect", "damp"),
         (r.Stop, "effect", "damp"),
     ],

@@ -69,8 +69,22 @@ def test_before_the_first_beat_it_waits() -> None:
     assert state.action is GuardianAction.MONITOR
 
 
-def test_a_guardian_that_is_late_itself_does_not_act_on_it() -> None:
-    assert silent_for(400, step_ns=20 * MS)[0].action is GuardianAction.MONITOR
+@pytest.mark.parametrize("fresh_ms", [0, 60])  # how long control had been silent when both were frozen
+def test_one_late_check_does_not_act(fresh_ms: int) -> None:
+    """The host stood still: control can't have sent anything either, and does so in the next milliseconds."""
+    state, _ = silent_for(fresh_ms + 4)
+    for late_ms in (10_000, 10_013):
+        now_ns = (1_000 + fresh_ms + late_ms) * MS
+        state = check_heartbeat(state, None, now_ns)
+        assert (state.action, state.missed) == (GuardianAction.MONITOR, int(late_ms > 10_000))
+    state = check_heartbeat(state, Heartbeat(at_ns=now_ns, enabled=True), now_ns + 20 * MS)
+    assert (state.action, state.missed) == (GuardianAction.MONITOR, 0)
+
+
+@pytest.mark.parametrize("step_ms", [4, 11, 13, 20])
+def test_a_guardian_that_is_late_again_and_again_acts_all_the_same(step_ms: int) -> None:
+    _, acted_ms = silent_for(400, step_ns=step_ms * MS)
+    assert 65 < acted_ms <= 65 + 3 * step_ms
 
 
 def test_it_continues_to_the_end_whatever_control_reports_then() -> None:
@@ -272,3 +286,22 @@ def test_a_control_that_comes_back_is_answered_at_once(guardian: Guardian, watch
     before = len(watch.health)
     watch.check(guardian, 2 * CHECK)
     assert [(one.at_ns, one.acted) for one in watch.health[before:]] == [(watch.now_ns - CHECK, True)]
+
+
+def test_a_session_whose_drives_have_not_confirmed_that_they_are_off_is_ended_by_the_guardian(
+    guardian: Guardian, watch: Watch
+) -> None:
+    """Control's last heartbeat says that they are powered; `END_PATIENCE_S` leaves it two seconds."""
+    watch.check(guardian, RETRY_NS)
+    watch.check(guardian, 300 * MS, enabled=False)
+    watch.check(guardian, CHECK)
+    guardian.end()
+    ended_ns = watch.now_ns
+    states = []
+    while not guardian.done(watch.now_ns) and watch.now_ns - ended_ns < 2_000 * MS:
+        watch.check(guardian, CHECK, enabled=None)
+        states.append(watch.health[-1])
+    assert states[-1].acted
+    assert states[-1].off
+    assert states[-1].unanswered == ("left_hip", "left_knee", "right_hip", "right_knee")
+    assert watch.now_ns - ended_ns == pytest.approx(80 * MS + ENDING_DAMP_NS + OFF_NS, abs=20 * MS)

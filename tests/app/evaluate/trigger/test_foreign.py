@@ -8,13 +8,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import msgspec
 import numpy as np
 import pytest
 
 from app.evaluate.digital import PoolDetector
+from app.evaluate.harness import EvaluateFault, kept_lines
 from app.evaluate.loop.response import APPROACH_M
 from app.evaluate.trigger import foreign
-from app.evaluate.trigger.foreign import CROSSED_BEGIN_NS, ForeignResult, PushResult, evaluate_foreign
+from app.evaluate.trigger.foreign import CROSSED_BEGIN_NS, ClipOutcome, ForeignResult, PushResult, evaluate_foreign
 from app.evaluate.trigger.foreign_clips import (
     BESIDE_M,
     CLIP_FRAMES,
@@ -27,6 +29,7 @@ from app.evaluate.trigger.foreign_clips import (
     clips,
     turned,
 )
+from app.system.errors import AppError
 from hal.cameras.digital_hand.driver import DigitalHandCamera
 from hal.cameras.digital_hand.render import Rendered, Scene, keypoints_m, person_of, posed
 from kgdfa.hand import Hand
@@ -110,6 +113,20 @@ def test_a_run_that_was_ended_goes_on_where_it_was(
     result = evaluate_foreign(rest, wanted, lambda: None, keep)
     assert (frames_of(result), result.interrupted) == (20, False)
     assert result == run(known, wanted)
+
+
+def test_clips_of_another_program_are_refused(
+    known: KnownHands, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(foreign, "CLIP_FRAMES", 10)
+    wanted, keep = clips(frames=CLIP_FRAMES, pushes=0, seed=1), tmp_path / "clips.jsonl"
+    assert frames_of(run(known, wanted, keep)) == 10
+    (kept,) = kept_lines(keep, ClipOutcome)
+    for program in ("another", ""):
+        keep.write_bytes(msgspec.json.encode(msgspec.structs.replace(kept, program=program)) + b"\n")
+        with pytest.raises(AppError) as refused:
+            run(known, wanted, keep)
+        assert refused.value.code is EvaluateFault.PROGRESS_OF_OTHERS
 
 
 def test_clips_are_the_same_for_the_same_seed_and_others_for_another() -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 
 from app.evaluate.harness import EvaluateFault
 from app.evaluate.trigger.idle import (
@@ -36,9 +37,17 @@ def test_a_run_goes_on_where_it_was_ended_and_gives_the_same(tmp_path: Path) -> 
     assert went_on.frames == 2 * CLIP_FRAMES
     assert 0 < went_on.depth_frames < went_on.with_hand
     assert went_on.passed
-    with pytest.raises(AppError) as refused:
-        kept_progress(path, IdleSettings(seed=4))
-    assert refused.value.code is EvaluateFault.PROGRESS_OF_OTHERS
+
+
+@pytest.mark.parametrize("other", [IdleSettings(seed=4), structs.replace(SETTINGS, program="b")])
+def test_progress_of_other_settings_or_of_another_program_is_refused(tmp_path: Path, other: IdleSettings) -> None:
+    path = tmp_path / "progress.json"
+    for kept in (SETTINGS, structs.replace(SETTINGS, program="a")):
+        run(IdleResult(settings=kept), 1, path)
+        assert kept_progress(path, kept).frames == CLIP_FRAMES
+        with pytest.raises(AppError) as refused:
+            kept_progress(path, other)
+        assert refused.value.code is EvaluateFault.PROGRESS_OF_OTHERS
 
 
 def test_a_frame_that_lost_the_hand_has_none() -> None:
