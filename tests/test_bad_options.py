@@ -167,6 +167,16 @@ def test_an_output_that_is_evidence_is_refused_and_an_older_result_is_not(
     assert COMMANDS[path].make_context("", arguments_of(path, name, str(older))).params[name] == older
 
 
+@pytest.mark.parametrize("command", ["idle", "foreign", "response"])
+def test_what_a_command_goes_on_from_may_have_any_name(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    kept, path = Path("kept.jsonl"), ("evaluate", command)
+    kept.touch()
+    assert COMMANDS[path].make_context("", arguments_of(path, "keep", str(kept))).params["keep"] == kept
+
+
 @pytest.mark.parametrize(
     ("command", "options"),
     [

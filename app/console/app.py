@@ -136,8 +136,9 @@ class ConsoleApp(SessionFlow):
         """STOP before any field may take the key for a letter; every key and click says that somebody is there."""
         if isinstance(event, events.Key) and self.switch.takes(event):
             return
-        if isinstance(event, (events.Key, events.MouseDown)):
-            self._idle = self._idle.touched(since_boot_s())
+        now_s = since_boot_s()
+        if isinstance(event, (events.Key, events.MouseDown)) and not self._idle.is_over(now_s):
+            self._idle = self._idle.touched(now_s)  # the key that wakes a computer comes too late
         await super().on_event(event)
 
     @cached_property

@@ -118,9 +118,8 @@ class Control:
         unconfirmed = self._drives.close(self._send_heartbeat)
         if unconfirmed:
             self._sink.emit(records.Drives(state="unconfirmed", detail=unconfirmed))
-        # a drive that has not confirmed may still be stiff: to the guardian control then dies with the drives powered
-        off = unconfirmed is None
-        self._links.send_heartbeat(Heartbeat(at_ns=time.monotonic_ns(), enabled=not off, last=off))
+        at_ns, left = time.monotonic_ns(), unconfirmed is not None  # such a drive may still be stiff
+        self._links.send_heartbeat(Heartbeat(at_ns=at_ns, enabled=False, last=True, unconfirmed=left))
         self._sink.emit(lateness_record(self._histogram))
         if self._recorder is not None and self._state is not None and self._snapshot is not None:
             self._recorder.close(self._state.streams, self._snapshot)

@@ -275,6 +275,7 @@ class Heartbeat(Struct, frozen=True, kw_only=True, tag="heartbeat"):
     at_ns: int
     enabled: bool
     last: bool = False  # control ends in good order
+    unconfirmed: bool = False  # with last: a drive has not confirmed that it is off
 
 
 class AuditHealth(Struct, frozen=True, kw_only=True, tag="audit-health"):

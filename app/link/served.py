@@ -156,7 +156,8 @@ class ServedSession:
         """
         for stop in stops:
             command = OperatorCommand(lease=stop.lease, sequence=stop.sequence, kind=stop.kind, sent_ns=stop.sent_ns)
-            if 0 < acknowledged_ns < stop.sent_ns:
+            recent = now_ns - clock.local_ns(acknowledged_ns) <= LOST_NS
+            if 0 < acknowledged_ns < stop.sent_ns and recent and stop not in self._handed.values():
                 kind = OperatorKind.ACKNOWLEDGE
                 self._hand(replace(command, kind=kind, sent_ns=acknowledged_ns), clock, now_ns)
             self._hand(command, clock, now_ns)
@@ -215,10 +216,8 @@ class ServedSession:
         mark = mark_of(given) if given.kind in STOP_KINDS else None
         if given.kind is OperatorKind.HEARTBEAT or mark in self._handed.values():
             return
-        if given.kind is OperatorKind.ACKNOWLEDGE:
-            if given.sent_ns == self._acknowledged_ns:
-                return  # it came with a packet before its frame
-            self._acknowledged_ns = given.sent_ns
+        if given.kind is OperatorKind.ACKNOWLEDGE and given.sent_ns == self._acknowledged_ns:
+            return  # it came with a packet before its frame
         command = localized(given, clock)
         age_ns = now_ns - command.sent_ns
         if mark is not None and self._precedes_return(command):
@@ -233,6 +232,8 @@ class ServedSession:
             if self._lease:  # else the takeover of the resumed session is still due
                 self._take_over(command.sent_ns, command.operator)
         elif command.lease == self._their_lease or command.kind in STOP_KINDS:
+            if command.kind is OperatorKind.ACKNOWLEDGE:
+                self._acknowledged_ns = given.sent_ns
             lease = self._lease if command.lease == self._their_lease else 0
             self._sequence += 1
             if mark is not None:

@@ -14,7 +14,6 @@ from app.cli.common import (
     Json,
     check_appended,
     check_finite,
-    check_output,
     refuse_options,
     shown_after,
 )
@@ -119,7 +118,7 @@ def idle(
     seed: Annotated[int, typer.Option(help="Another seed, other hands and movements.", min=0, max=MAX_SEED)] = 1,
     keep: Annotated[
         Path | None,
-        typer.Option("--progress", callback=check_output, help="Keep the progress here, and go on from it."),
+        typer.Option("--progress", callback=check_appended, help="Keep the progress here, and go on from it."),
     ] = None,
     json_file: Json = None,
     home: HomeOption = None,

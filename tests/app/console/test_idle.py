@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 
 import pytest
+from textual import events
 from textual.command import CommandPalette
 
 from app.console.operator import Idle, since_boot_s
@@ -115,6 +116,7 @@ async def test_a_console_locks_when_its_computer_wakes(console: Opener, passes: 
     async with console(profile=None) as open_console:
         await open_console.shows("demo")
         passes(NIGHT_S)
+        await open_console.app.on_event(events.Key("down", None))  # that woke it
         await open_console.until(lambda: isinstance(open_console.app.screen, LockScreen))
 
 

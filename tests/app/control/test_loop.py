@@ -156,7 +156,7 @@ def test_a_wait_for_the_drives_loses_no_heartbeat_of_audit_or_guardian(
 
 
 @pytest.mark.parametrize("joints", [SlowDrives(), SilentDrives()])
-def test_the_guardian_is_left_with_powered_drives_where_one_has_not_confirmed_that_it_is_off(
+def test_the_last_heartbeat_says_where_a_drive_has_not_confirmed_that_it_is_off(
     setup: SessionSetup, joints: SlowDrives
 ) -> None:
     with closing(Control(setup, RealTime())) as control:
@@ -165,5 +165,5 @@ def test_the_guardian_is_left_with_powered_drives_where_one_has_not_confirmed_th
         control._drives = Drives(joints, SETTINGS.limits, SETTINGS.gains)
     confirmed = not isinstance(joints, SilentDrives)
     newest = links.heartbeats[-1]
-    assert (newest.enabled, newest.last) == (not confirmed, confirmed)
+    assert (newest.enabled, newest.last, newest.unconfirmed) == (False, True, not confirmed)
     assert not any(one.last for one in links.heartbeats[:-1])

@@ -288,20 +288,28 @@ def test_a_control_that_comes_back_is_answered_at_once(guardian: Guardian, watch
     assert [(one.at_ns, one.acted) for one in watch.health[before:]] == [(watch.now_ns - CHECK, True)]
 
 
-def test_a_session_whose_drives_have_not_confirmed_that_they_are_off_is_ended_by_the_guardian(
+def test_drives_that_have_not_confirmed_that_they_are_off_are_switched_off_once_more_and_not_damped(
     guardian: Guardian, watch: Watch
 ) -> None:
-    """Control's last heartbeat says that they are powered; `END_PATIENCE_S` leaves it two seconds."""
+    """Damping would power those V3 drives that are off."""
     watch.check(guardian, RETRY_NS)
     watch.check(guardian, 300 * MS, enabled=False)
-    watch.check(guardian, CHECK)
     guardian.end()
     ended_ns = watch.now_ns
+    watch.beat = Heartbeat(at_ns=ended_ns, enabled=False, last=True, unconfirmed=True)
     states = []
-    while not guardian.done(watch.now_ns) and watch.now_ns - ended_ns < 2_000 * MS:
+    while watch.now_ns == ended_ns or not guardian.done(watch.now_ns):
         watch.check(guardian, CHECK, enabled=None)
-        states.append(watch.health[-1])
-    assert states[-1].acted
-    assert states[-1].off
-    assert states[-1].unanswered == ("left_hip", "left_knee", "right_hip", "right_knee")
-    assert watch.now_ns - ended_ns == pytest.approx(80 * MS + ENDING_DAMP_NS + OFF_NS, abs=20 * MS)
+        states.append(guardian._state.action)
+    assert set(states) == {GuardianAction.SWITCH_OFF}
+    assert watch.health[-1].unanswered == ("left_hip", "left_knee", "right_hip", "right_knee")
+    assert watch.now_ns - ended_ns == pytest.approx(OFF_NS, abs=20 * MS)
+
+
+@pytest.mark.parametrize("late_ms", [14, 10_000])
+def test_a_late_check_judges_no_moment_a_second_time(late_ms: int) -> None:
+    state, _ = silent_for(72)
+    assert (state.action, state.missed) == (GuardianAction.MONITOR, 1)
+    late = check_heartbeat(state, None, state.checked_ns + late_ms * MS)
+    assert (late.action, late.missed) == (GuardianAction.MONITOR, 1)
+    assert check_heartbeat(late, None, late.checked_ns + CHECK).action is GuardianAction.DAMP
