@@ -148,8 +148,10 @@ EVIDENCE = ("logs/s.jsonl", "logs/s.mcap", "s.can.log", "keys/operators.json", "
 REPLACED = [(path, name) for path, name in OUTPUTS if name not in {"errors", "keypoints"} and path != ("export",)]
 
 
-@pytest.mark.parametrize(("path", "name"), REPLACED)
-@pytest.mark.parametrize("place", EVIDENCE)
+@pytest.mark.parametrize(
+    ("path", "name", "place"),
+    [(*option, EVIDENCE[0]) for option in REPLACED] + [(*REPLACED[0], place) for place in EVIDENCE[1:]],
+)
 def test_an_output_that_is_evidence_is_refused_and_an_older_result_is_not(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, path: tuple[str, ...], name: str, place: str
 ) -> None:
