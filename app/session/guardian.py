@@ -71,7 +71,7 @@ class GuardianState:
     action: GuardianAction = GuardianAction.MONITOR
     since_ns: int = 0
     checked_ns: int = 0
-    judged_ns: int = 0  # by which moment the newest check judged
+    evaluated_ns: int = 0  # the moment that the newest check evaluated
     missed: int = 0  # moments in a row at which the heartbeat was stale
 
 
@@ -82,17 +82,17 @@ def check_heartbeat(
 
     It monitors again after control reports, from then on, that the drives are unpowered. It acts on the second check
     in a row that finds the heartbeat stale. A check that was itself late knows nothing of the last moments, in which
-    control may have stood still with it: it judges by the time of the check before.
+    control may have stood still with it: it evaluates the time of the check before.
     Where control has ended and a drive has not confirmed that it is off, it is switched off once more. It is not damped
     before, which control has done: some drives are powered by that.
     ending: the session is being closed, and the wearer is not left in damped joints for long.
     """
     if heartbeat is not None and state.heartbeat is not None and heartbeat.at_ns < state.heartbeat.at_ns:
         heartbeat = None  # sent before the newest one
-    judged_ns = now_ns if now_ns - state.checked_ns <= LATE_CHECK_NS else state.checked_ns
+    evaluated_ns = now_ns if now_ns - state.checked_ns <= LATE_CHECK_NS else state.checked_ns
     newest = heartbeat or state.heartbeat
-    missed = state.missed + (judged_ns > state.judged_ns) if _lost(newest, judged_ns) else 0
-    state = replace(state, heartbeat=newest, checked_ns=now_ns, judged_ns=judged_ns, missed=missed)
+    missed = state.missed + (evaluated_ns > state.evaluated_ns) if _lost(newest, evaluated_ns) else 0
+    state = replace(state, heartbeat=newest, checked_ns=now_ns, evaluated_ns=evaluated_ns, missed=missed)
     since_ns = now_ns - state.since_ns
     if state.action is GuardianAction.DAMP and since_ns > (ENDING_DAMP_NS if ending else DAMP_NS):
         return replace(state, action=GuardianAction.SWITCH_OFF, since_ns=now_ns)

@@ -15,10 +15,13 @@ from typing import Protocol
 
 import msgspec
 import numpy as np
+import pytest
 
 from hal.joints.can.bus import with_bus
+from hal.joints.codecs.wire import Frame
 from hal.joints.device import Exoskeleton, JointDevice, load_exoskeleton
 from hal.joints.emulator.emulator import DriveEmulator
+from hal.joints.emulator.firmware import EmulatedDrive
 from hal.joints.protocol import JointArray, JointCommand, JointFeedback, Joints
 
 LIMIT_S = float(os.environ.get("RLEEX_TEST_LIMIT_S", "5"))  # a failure, not a duration: all takes milliseconds
@@ -85,6 +88,18 @@ def until(condition: Callable[[], object]) -> None:
             return
         time.sleep(TICK_S)
     raise AssertionError("the condition was not met in time")
+
+
+def answer_with_power_alone(monkeypatch: pytest.MonkeyPatch, drive: EmulatedDrive) -> None:
+    """As firmware that replies in motor mode only; to what ends that, too."""
+    receive = drive.receive
+
+    def answer(frame: Frame, now_ns: int) -> list[Frame]:
+        powered = drive.motor_mode
+        replies = receive(frame, now_ns)
+        return replies if powered or drive.motor_mode else []
+
+    monkeypatch.setattr(drive, "receive", answer)
 
 
 @dataclass

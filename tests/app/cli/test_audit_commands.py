@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import resource
 import threading
 from pathlib import Path
 
@@ -28,6 +27,7 @@ from logs.records import Note, PatientChosen, Record
 from logs.scan import Break
 from logs.writer import SessionWriter
 from tests.support.audit_trails import START, moment, write_session
+from tests.support.disks import full_disk
 
 
 @pytest.fixture
@@ -142,12 +142,8 @@ def test_records_of_several_sessions_and_days_stand_under_their_names_and_days(h
 def test_a_disk_that_refuses_a_report_leaves_the_former_one(home: Path) -> None:
     page = home / "report.html"
     page.write_text("former")
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
-    try:
+    with full_disk(1000):
         assert "can't be written" in audit("report", "--home", str(home), "-o", str(page))[1]
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
     assert page.read_text() == "former"
     assert [path.name for path in home.iterdir() if "partial" in path.name] == []
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 from datetime import UTC, datetime
 
 import msgspec
@@ -22,6 +21,7 @@ from profiles.schema import DEMO_PATIENT
 from profiles.store import ProfileStore
 from testing.authors import Named
 from tests.app.console.conftest import Opener
+from tests.support.disks import full_disk
 
 
 async def test_a_megabyte_pasted_breaks_nothing(console: Opener) -> None:
@@ -160,13 +160,8 @@ def test_a_disk_that_takes_half_a_line_keeps_none_of_it(home: Home) -> None:
         session="S", patient="P-1", at="", operator="", steps=1, distance_m=0.1, duration_s=1.0, refusals=0
     )
     made.add(record)
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, ((home.root / "P-1.jsonl").stat().st_size + 10, limits[1]))
-    try:
-        with pytest.raises(AppError, match="NOT_WRITTEN"):
-            made.add(record)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    with full_disk((home.root / "P-1.jsonl").stat().st_size + 10), pytest.raises(AppError, match="NOT_WRITTEN"):
+        made.add(record)
     made.add(record)
     assert made.of("P-1") == (record, record)
 

@@ -29,8 +29,8 @@ from app.recording.writer import RecordingWriter
 from app.system.errors import AppError
 from kgdfa.gesture import Gesture
 from testing.trails import write_sample
-from tests.app.evaluate.test_full_disk import full_disk
 from tests.kgdfa.hands import STATES, drawn_hand
+from tests.support.disks import full_disk
 
 SOURCES = [
     *Path(commands.__file__).parent.glob("*.py"),
@@ -150,7 +150,7 @@ def test_a_reader_who_has_had_enough_changes_no_exit_status(
 
 
 def test_what_can_not_be_written_is_shown(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with full_disk(), pytest.raises(AppError), shown_after(["macro-F1 0.98"]):
+    with full_disk(1), pytest.raises(AppError), shown_after(["macro-F1 0.98"]):
         write_json({"macro_f1": 0.98}, tmp_path / "o.json")
     assert capsys.readouterr().out == "macro-F1 0.98\n"
 
@@ -160,7 +160,7 @@ def test_outcomes_that_can_not_be_written_are_shown_and_the_error_names_the_file
 ) -> None:
     monkeypatch.chdir(tmp_path)
     write_sample(tmp_path, minutes=0.1, patient="P-017")
-    with full_disk(), pytest.raises(AppError) as refused:
+    with full_disk(1), pytest.raises(AppError) as refused:
         command().main(["outcomes", "last", "--json", "o.json", "--home", "."], standalone_mode=False)
     assert (refused.value.code, refused.value.values["file"]) == (EvaluateFault.FILE_UNWRITABLE, Path("o.json"))
     assert "P-017" in capsys.readouterr().out

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import resource
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -14,17 +12,7 @@ from app.evaluate.harness import EvaluateFault, keep_line, kept_lines, write_jso
 from app.perception.comparison import Comparison
 from app.system.errors import AppError
 from tests.app.perception.test_comparison import sample
-
-
-@contextmanager
-def full_disk(at_bytes: int = 1) -> Iterator[None]:
-    """No file can grow any more beyond that size."""
-    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (at_bytes, limits[1]))
-    try:
-        yield
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+from tests.support.disks import full_disk
 
 
 def compared() -> Comparison:
@@ -46,7 +34,7 @@ def compared() -> Comparison:
 def test_the_older_file_stays_and_the_error_names_it(tmp_path: Path, write: Callable[[Path], None]) -> None:
     path = tmp_path / "figures"
     path.write_text("what was there")
-    with full_disk(), pytest.raises(AppError) as refused:
+    with full_disk(1), pytest.raises(AppError) as refused:
         write(path)
     assert refused.value.code is EvaluateFault.FILE_UNWRITABLE
     assert refused.value.values["file"] == path
@@ -59,7 +47,7 @@ def test_the_older_file_stays_and_the_error_names_it(tmp_path: Path, write: Call
 def test_what_two_cameras_measured_is_printed_where_it_can_t_be_kept(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    with full_disk(), pytest.raises(AppError):
+    with full_disk(1), pytest.raises(AppError):
         write_csv(compared(), tmp_path / "two.csv")
     assert capsys.readouterr().out == compared().as_csv()
 

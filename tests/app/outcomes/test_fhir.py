@@ -24,7 +24,7 @@ from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 from logs.records import GuidedTestResult
 from profiles.schema import DEMO_PATIENT, GaitParameters
 from testing.trails import write_sample
-from tests.app.evaluate.test_full_disk import full_disk
+from tests.support.disks import full_disk
 
 DEVICE = load_exoskeleton(DEFAULT_DEVICE)
 READABLE = {"{steps}": "steps", "{steps}/min": "steps/min"}  # the others are written as UCUM has them

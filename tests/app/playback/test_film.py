@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import resource
 from pathlib import Path
 
 import cv2
@@ -22,6 +21,7 @@ from app.recording.writer import RecordingWriter
 from app.system.errors import AppError
 from app.text.catalogue import languages, use_language
 from logs import records as r
+from tests.support.disks import full_disk
 from tests.support.recorded_session import Lived
 
 
@@ -107,13 +107,8 @@ def test_a_disk_that_fills_is_reported_and_leaves_nothing(tmp_path: Path) -> Non
 
 
 def test_a_film_that_did_not_reach_the_disk_is_reported(playback: Playback, tmp_path: Path) -> None:
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
-    try:
-        with pytest.raises(AppError) as caught:
-            film(playback, tmp_path / "out.mp4", stretch_of(playback, 3.0, 5.0), lambda: None)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    with full_disk(20_000), pytest.raises(AppError) as caught:
+        film(playback, tmp_path / "out.mp4", stretch_of(playback, 3.0, 5.0), lambda: None)
     assert caught.value.code is FilmFault.NOT_WHOLE
     assert not list(tmp_path.iterdir())
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import resource
 import tracemalloc
 from pathlib import Path
 
@@ -28,6 +27,7 @@ from app.system.errors import AppError
 from hal.joints.protocol import TICK_HZ, TICK_NS
 from logs.records import Recording as PicturesConsent
 from tests.app.recording.conftest import Collector, Session
+from tests.support.disks import full_disk
 
 ANGLES = [f"{joint}_position_rad" for joint in COORDINATES]
 
@@ -202,13 +202,8 @@ def test_a_damaged_file_is_exported_to_there_and_that_is_said_with_it(recorded: 
 
 @pytest.mark.parametrize("form", ["mcap", "csv", "opensim"])
 def test_an_export_that_fails_leaves_no_file_and_may_be_repeated(recorded: Session, tmp_path: Path, form: str) -> None:
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
-    try:
-        with pytest.raises(AppError) as caught:
-            export(recorded.path, form, tmp_path)
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+    with full_disk(20_000), pytest.raises(AppError) as caught:
+        export(recorded.path, form, tmp_path)
     assert caught.value.code is ExportFault.UNWRITABLE
     assert not list(tmp_path.iterdir())
     files = export(recorded.path, form, tmp_path).files

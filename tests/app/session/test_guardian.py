@@ -307,7 +307,7 @@ def test_drives_that_have_not_confirmed_that_they_are_off_are_switched_off_once_
 
 
 @pytest.mark.parametrize("late_ms", [14, 10_000])
-def test_a_late_check_judges_no_moment_a_second_time(late_ms: int) -> None:
+def test_a_late_check_evaluates_no_moment_a_second_time(late_ms: int) -> None:
     state, _ = silent_for(72)
     assert (state.action, state.missed) == (GuardianAction.MONITOR, 1)
     late = check_heartbeat(state, None, state.checked_ns + late_ms * MS)

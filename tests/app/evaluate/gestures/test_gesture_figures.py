@@ -29,8 +29,8 @@ from app.system.errors import AppError
 from app.text.catalogue import render
 from kgdfa.gesture import Decision, Explanation, Gesture, Verdict
 from logs.reason import reason
-from tests.app.evaluate.test_full_disk import full_disk
 from tests.kgdfa.hands import STATES, drawn_hand
+from tests.support.disks import full_disk
 
 WHY = Explanation(Decision.NO_GESTURE)
 UNREADABLE = reason(EvaluateFault.IMAGE_UNREADABLE, file="x.jpg")

@@ -53,6 +53,9 @@ class Blind:
         """It remembers nothing."""
 
 
+BLIND: Any = Blind()  # of its interface what is used here
+
+
 @pytest.fixture
 def listed(tmp_path: Path) -> list[LabelledImage]:
     """One that can be read, one whose numbers no detector takes, and one that isn't there."""
@@ -77,8 +80,7 @@ def test_an_image_is_read_or_why_not(listed: list[LabelledImage], tmp_path: Path
 def test_the_side_of_a_hand_counts_those_that_can_be_read_and_names_the_others(
     listed: list[LabelledImage], tmp_path: Path
 ) -> None:
-    blind: Any = Blind()
-    figures = measure_photos(blind, listed, tmp_path, lambda: None)
+    figures = measure_photos(BLIND, listed, tmp_path, lambda: None)
     assert (figures.images, figures.without, codes(figures.unreadable)) == (1, 1, CODES)
     stored = measure_looks([replace(LOST, image=replace(LOST.image, label="5")), LOST])
     assert stored.unreadable == {"x.png": UNREADABLE}, "undefined hands are not asked for"
@@ -88,7 +90,7 @@ def test_preparations_are_measured_on_those_that_can_be_read_and_the_others_are_
     listed: list[LabelledImage], tmp_path: Path
 ) -> None:
     unreadable: dict[str, Reason] = {}
-    (first, *_) = measured = measure_preparations(photos(listed, tmp_path, unreadable), Blind())
+    (first, *_) = measured = measure_preparations(photos(listed, tmp_path, unreadable), BLIND)
     assert (first.images, first.found, first.accepted_undefined) == (1, 0.0, None)
     assert codes(unreadable) == CODES
     cells = [str(next(iter(column.cells))) for column in preparation_table(measured[:1], {"none": 1.0}).columns]
@@ -116,12 +118,11 @@ def test_what_a_list_names_is_no_markup_and_nothing_that_a_terminal_obeys(capsys
 
 def test_frames_of_a_distance_that_can_not_be_read_are_named(tmp_path: Path) -> None:
     cv2.imwrite(str(tmp_path / "a.png"), np.zeros((40, 40, 3), np.uint8))
-    blind: Any = Blind()
     frames = [
         LabelledFrame(path=tmp_path / name, focal_px=900.0, reference_m=0.067, distance_m=0.4)
         for name in ("a.png", "gone.png")
     ]
-    result = measure_frames(frames, blind, lambda: None).as_json()
+    result = measure_frames(frames, BLIND, lambda: None).as_json()
     assert (result["frames"], result["unreadable"]) == (2, [str(tmp_path / "gone.png")])
 
 
@@ -171,14 +172,14 @@ UNREAD = [LabelledImage(path=rf"images\{number}.jpg", label="3") for number in (
     "measured",
     [
         lambda folder: detect_images(UNREAD, folder, Path("model"), lambda: None),
-        lambda folder: measure_photos(Blind(), UNREAD, folder, lambda: None),  # type: ignore[arg-type]
-        lambda folder: measure_preparations(photos(UNREAD, folder, {}), Blind()),
+        lambda folder: measure_photos(BLIND, UNREAD, folder, lambda: None),
+        lambda folder: measure_preparations(photos(UNREAD, folder, {}), BLIND),
         lambda folder: measure_frames(
             [
                 LabelledFrame(path=folder / one.path, focal_px=900.0, reference_m=0.067, distance_m=0.4)
                 for one in UNREAD
             ],
-            Blind(),  # type: ignore[arg-type]
+            BLIND,
             lambda: None,
         ),
     ],
@@ -196,7 +197,7 @@ def test_a_folder_of_which_no_image_can_be_read_gives_no_figures(
 def test_an_image_that_memory_does_not_hold_is_unreadable_and_the_others_are_counted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("kgdfa.keypoints.HandDetector", lambda *_, **__: nullcontext(Blind()))
+    monkeypatch.setattr("kgdfa.keypoints.HandDetector", lambda *_, **__: nullcontext(BLIND))
     listed = [LabelledImage(path=f"{number}.png", label="3") for number in range(4)]
     cv2.imwrite(str(tmp_path / "0.png"), np.zeros((40, 40, 3), np.uint8))
     for number, width in ((1, 50), (2, 60)):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import resource
 from pathlib import Path
 from typing import Any
 
@@ -26,6 +25,7 @@ from hal.joints.device import load_exoskeleton
 from logs.reason import key_of, reason
 from profiles.files import encode
 from profiles.schema import DEMO_PATIENT
+from tests.support.disks import full_disk
 
 GOOD = RehearsalVerdict(
     action=Action.WALK,
@@ -87,13 +87,9 @@ def test_an_action_is_rehearsed_drawn_filmed_and_kept(tmp_path: Path) -> None:
 
 
 def test_a_film_that_did_not_reach_the_disk_is_refused_and_nothing_is_left_of_it(tmp_path: Path) -> None:
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, hard))
-    try:
+    with full_disk(20_000):
         options = ["sit-down", "--home", str(tmp_path), "--video", str(tmp_path / "film.mp4")]
         result = CliRunner().invoke(cli, ["simulate", *options])
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert isinstance(result.exception, AppError)
     assert result.exception.code is FilmFault.NOT_WHOLE
     assert not list(tmp_path.iterdir())

@@ -26,7 +26,7 @@ from kgdfa.button import PressCancel, PressHint
 from kgdfa.gesture import Gesture
 from logs.reason import reason, reason_of
 from tests.app.demo.sessions import session_of
-from tests.app.evaluate.test_full_disk import full_disk
+from tests.support.disks import full_disk
 
 MS = 1_000_000
 
@@ -211,7 +211,7 @@ def test_a_first_session_that_can_not_be_run_is_its_own_error() -> None:
 
 
 def test_a_full_disk_beneath_what_is_kept_costs_no_session(tmp_path: Path) -> None:
-    with full_disk():
+    with full_disk(1):
         result = evaluated(tmp_path, 1, seeds=(1,))
     assert (len(result.attempts), result.gave_up and result.gave_up.code) == (12, "EvaluateFault.FILE_UNWRITABLE")
 

@@ -18,8 +18,8 @@ from app.evaluate.loop.speed import BARE, WARM_UP, WHOLE, measure_speed, worker_
 from app.system.errors import AppError
 from kgdfa.gesture import Gesture
 from kgdfa.hand import Hand
-from tests.app.evaluate.test_full_disk import full_disk
 from tests.kgdfa.hands import STATES, drawn_hand
+from tests.support.disks import full_disk
 
 
 def test_without_a_recording_the_digital_hand_moves() -> None:

@@ -21,6 +21,7 @@ from tests.support.can_rig import (
     LOOKS,
     CanRig,
     MakeRig,
+    answer_with_power_alone,
     command,
     each_joint,
     on_test_bus,
@@ -479,14 +480,7 @@ def test_a_drive_that_answers_in_motor_mode_alone_is_not_asked_without_power_and
     rig = make_rig(with_motor("AK80-64/V2"))
     knee = rig.emulator.drives[KNEE]
     knee.motor_mode = left_on
-    receive = knee.receive
-
-    def answer_with_power(frame: Frame, now_ns: int) -> list[Frame]:
-        powered = knee.motor_mode
-        replies = receive(frame, now_ns)
-        return replies if powered or knee.motor_mode else []
-
-    monkeypatch.setattr(knee, "receive", answer_with_power)
+    answer_with_power_alone(monkeypatch, knee)
     rig.joints.open(rig.now_ns())
     assert rig.joints.read(rig.now_ns()).unasked == {KNEE}
     rig.joints.enable(rig.now_ns())

@@ -14,7 +14,7 @@ from hal.joints.device import Exoskeleton
 from hal.joints.emulator.firmware import EmulatedDrive, Fault
 from hal.joints.factory import make_joints
 from hal.joints.protocol import BusFault, DriveState, Joint
-from tests.support.can_rig import CanRig, MakeRig, command, small_gear, with_motor
+from tests.support.can_rig import CanRig, MakeRig, answer_with_power_alone, command, small_gear, with_motor
 from tests.support.errors import refused
 
 KNEE = Joint.LEFT_KNEE
@@ -221,15 +221,9 @@ def test_a_held_up_reply_to_the_damping_is_no_answer_without_power(
     """It comes while the drive is asked by the order to disable, which it answers in motor mode alone."""
     rig = of_a_session(make_rig(with_motor("AK80-64/V2")))
     knee = rig.emulator.drives[KNEE]
-    receive, knee.motor_mode = knee.receive, True
+    knee.motor_mode = True
     rig.emulator.inject(Fault.LATE, KNEE, 60)
-
-    def answer_with_power(frame: Frame, now_ns: int) -> list[Frame]:
-        powered = knee.motor_mode
-        replies = receive(frame, now_ns)
-        return replies if powered or knee.motor_mode else []
-
-    monkeypatch.setattr(knee, "receive", answer_with_power)
+    answer_with_power_alone(monkeypatch, knee)
     rig.joints.open(rig.now_ns())
     assert rig.joints.read(rig.now_ns()).unasked == {KNEE}
     rig.joints.close(rig.now_ns())
