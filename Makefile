@@ -5,6 +5,7 @@ BIN := $(VENV)/bin
 # What running needs, and what testing, evaluating and fitting need besides: one lock each.
 STAMP := $(VENV)/.installed
 DEV_STAMP := $(VENV)/.installed-dev
+SPARK_STAMP := $(VENV)/.installed-spark
 DATA ?= ../shared/data
 export RLEEX_TEST_DATA ?= $(abspath $(DATA))
 export TF_CPP_MIN_LOG_LEVEL ?= 3
@@ -25,11 +26,12 @@ run: model
 demo: model
 	@$(BIN)/rleex demo
 
-test: check model
+# Checking types, the guest's kernel and Spark take one core each: beside one another, and what each prints comes whole.
+test: $(SPARK_STAMP) model
+	@echo "Checks, the tests on a kernel's CAN bus and those on a Spark cluster (2 min) …"
+	@$(MAKE) --no-print-directory -j2 --output-sync=line check test-can test-spark
 	@$(PYTEST) -m "not serial" -n $(WORKERS) --dist loadfile
 	@$(PYTEST) -m serial -n 2 --dist loadgroup $(SERIAL)
-	@tools/test-can
-	@tools/test-spark
 
 check: $(DEV_STAMP)
 	@$(BIN)/ruff check .
@@ -40,8 +42,7 @@ check: $(DEV_STAMP)
 test-can: $(DEV_STAMP) model
 	@tools/test-can
 
-# Spark and Java come to a machine through this and `make test` only.
-test-spark: $(DEV_STAMP)
+test-spark: $(SPARK_STAMP)
 	@tools/test-spark
 
 evaluate: $(DEV_STAMP) model
@@ -89,6 +90,12 @@ $(STAMP): requirements.lock pyproject.toml | system
 $(DEV_STAMP): requirements-dev.lock $(STAMP)
 	@echo "Setting up what the tests need (once) …"
 	@$(INSTALL) --no-compile --require-hashes -r requirements-dev.lock
+	@touch $@
+
+# Spark comes to a machine through `make test` and `make test-spark` only.
+$(SPARK_STAMP): requirements-spark.lock $(DEV_STAMP)
+	@echo "Setting up Spark (once, 430 MB) …"
+	@$(INSTALL) --no-compile --require-hashes -r requirements-spark.lock
 	@touch $@
 
 # The catalogues as gettext reads them.

@@ -84,7 +84,8 @@ async def test_the_record_under_the_cursor_is_replayed_with_its_reasons(
 ) -> None:
     index, record = command_of(home)
     async with review(home, size, language) as pilot:
-        await pilot.press(*["down"] * index, "r")
+        await pilot.app.screen.run_action(f"step({index})")
+        await pilot.press("r")
         await wait_until(pilot, lambda: isinstance(pilot.app.screen, ReplayScreen))
         screen = shown(pilot)
         await wait_until(pilot, lambda: screen.moment is not None)
