@@ -169,6 +169,23 @@ def test_an_output_that_is_evidence_is_refused_and_an_older_result_is_not(
     assert COMMANDS[path].make_context("", arguments_of(path, name, str(older))).params[name] == older
 
 
+@pytest.mark.parametrize("place", ["logs/s.jsonl", "logs/s.mcap", "logs/s.can.log", "keys/operators.json"])
+def test_a_record_of_a_bus_goes_on_in_its_own_file_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, place: str
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for file in ("logs/s.jsonl", "logs/s.mcap", "logs/s.can.log", "keys/operators.json", "keys/console.key"):
+        Path(file).parent.mkdir(parents=True, exist_ok=True)
+        Path(file).touch()
+    bench = Path("logs/bench.can.log")
+    bench.touch()
+    path = ("can", "record")
+    assert COMMANDS[path].make_context("", arguments_of(path, "file", str(bench))).params["file"] == bench
+    with pytest.raises(AppError) as caught:
+        call(path, "file", place)
+    assert caught.value.code is CliFault.OUTPUT_IS_EVIDENCE
+
+
 @pytest.mark.parametrize("command", ["idle", "foreign", "response"])
 def test_what_a_command_goes_on_from_may_have_any_name(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, command: str

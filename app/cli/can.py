@@ -16,7 +16,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from app.cli.common import HomeOption, check_appended, check_finite
+from app.cli.common import HomeOption, check_bus_log, check_finite
 from app.cli.drive_table import decoded_line, monitor_table, summary_table
 from app.cli.permission import sign_in
 from app.diagnostics.findings import show
@@ -168,7 +168,7 @@ def decode(
 
 @cli.command()
 def record(
-    file: Annotated[Path, typer.Argument(callback=check_appended, help="Where to; candump's format, appended.")],
+    file: Annotated[Path, typer.Argument(callback=check_bus_log, help="Where to; candump's format, appended.")],
     interface: Interface = "",
     channel: Channel = "",
     device: Device = None,

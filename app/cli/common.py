@@ -107,6 +107,16 @@ def check_appended(context: Context, path: Path | None) -> Path | None:
     return None if path is None else _check_file(claim_output(context, path), replaced=False)
 
 
+def check_bus_log(context: Context, path: Path | None) -> Path | None:
+    """The same for a record of a bus, which goes on in one of its kind. Beside a session's own lies a trail."""
+    if check_appended(context, path) is not None and path is not None and path.exists():
+        place = Path(os.path.realpath(path))
+        trail = place.with_name(place.name.removesuffix(EVIDENCE_SUFFIXES[-1]) + EVIDENCE_SUFFIXES[0])
+        if place.name.endswith(EVIDENCE_SUFFIXES[:-1]) or _beside_keys(place) or trail.exists():
+            raise AppError(CliFault.OUTPUT_IS_EVIDENCE, path=path)
+    return path
+
+
 def claim_output(context: Context, path: Path) -> Path:
     """The file, for this option alone. Raises AppError when another one of the command names it too."""
     claimed: set[str] = context.meta.setdefault(__name__, set())
@@ -141,10 +151,14 @@ def _check_file(path: Path, *, replaced: bool) -> Path:
 
 
 def _is_evidence(path: Path) -> bool:
-    """By its name, or in a folder with a console's keys, its operators and anchors."""
+    return path.name.endswith(EVIDENCE_SUFFIXES) or _beside_keys(path)
+
+
+def _beside_keys(path: Path) -> bool:
+    """In a folder with a console's keys, its operators and anchors."""
     from logs.keys import KEY_FILE
 
-    return path.name.endswith(EVIDENCE_SUFFIXES) or any((folder / KEY_FILE).exists() for folder in path.parents)
+    return any((folder / KEY_FILE).exists() for folder in path.parents)
 
 
 @contextmanager
