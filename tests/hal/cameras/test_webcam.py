@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import time
+from contextlib import closing, nullcontext
 from pathlib import Path
 
 import cv2
+import numpy as np
 import pytest
 
 from hal.cameras import webcam_list
+from hal.cameras.camera import ImageArray
 from hal.cameras.intrinsics import assumed, save
 from hal.cameras.webcam import WebcamCamera
 from hal.cameras.webcam_list import find_webcam, list_webcams, same_webcam
@@ -125,3 +129,27 @@ def test_a_focal_length_that_is_given_for_another_size_is_refused(
     with refused(CameraFault.FOCAL_LENGTH_OTHER_SIZE, **stated):
         camera.open()
     assert Capture.in_use == 0
+
+
+@pytest.mark.parametrize(("noise", "fault"), [(0, CameraFault.NO_FRAMES), (1, None)])
+def test_the_same_image_again_and_again_is_none(
+    sysfs: Path, monkeypatch: pytest.MonkeyPatch, noise: int, fault: CameraFault | None
+) -> None:
+    """Else a hand that a hung camera goes on showing would keep a walk going."""
+    generator = np.random.default_rng(1)
+
+    class Hung(Capture):
+        def read(self) -> tuple[bool, ImageArray]:
+            time.sleep(0.001)  # as long as a very quick camera takes
+            return True, np.full((480, 640, 3), 90, np.uint8) + generator.integers(
+                0, noise + 1, (480, 640, 3), np.uint8
+            )
+
+    monkeypatch.setattr(cv2, "VideoCapture", Hung)
+    camera = WebcamCamera("c920", sysfs=sysfs)
+    camera.open()
+    frames = 0
+    with closing(camera), nullcontext() if fault is None else refused(fault):
+        while frames < 30:
+            frames += camera.read(0.05) is not None
+    assert frames == (30 if fault is None else 1)
