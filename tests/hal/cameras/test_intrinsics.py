@@ -83,6 +83,18 @@ def test_a_distortion_that_could_not_be_read_back_is_refused() -> None:
         calibrate([bent(one, LENS, 0.0, 20.0) for one in corners if one is not None], BOARD, 640, 360)
 
 
+def test_boards_that_all_face_the_camera_measure_no_lens() -> None:
+    """Near and far look alike there: the residual is small, and the focal length may be anything."""
+    draw = np.random.default_rng(1)
+    tilts = ((0.0, 0.0), (0.08, 0.0), (-0.08, 0.02), (0.0, 0.08), (0.03, -0.08), (0.05, 0.05))
+    views = [((*tilt, 0.1), at) for tilt, (_, at) in zip(tilts, VIEWS, strict=True)]
+    corners = [find_corners(seen_board(LENS, *view), BOARD) for view in views]
+    noisy = [one + draw.normal(0, 0.2, one.shape).astype(np.float32) for one in corners if one is not None]
+    assert len(noisy) == len(views)
+    with refused(CameraFault.CHESSBOARDS_ALIKE):
+        calibrate(noisy, BOARD, 640, 360)
+
+
 def test_an_image_without_a_board_shows_none() -> None:
     assert find_corners(np.full((360, 640, 3), 128, np.uint8), BOARD) is None
 
