@@ -239,9 +239,9 @@ def read_footage(where: Path, labels: Path | None = None) -> Footage:
 
 
 def _read_video(where: Path, table: Path) -> Footage:
-    video, count = _open(where), 0
+    video, count, last_ms = _open(where), 0, 0.0
     while video.grab():  # counted: a header may estimate, or name frames that were cut off
-        count += 1
+        count, last_ms = count + 1, video.get(cv2.CAP_PROP_POS_MSEC)
     if not count:
         raise AppError(EvaluateFault.VIDEO_UNREADABLE, file=where)
     width_px, height_px = video.get(cv2.CAP_PROP_FRAME_WIDTH), video.get(cv2.CAP_PROP_FRAME_HEIGHT)
@@ -249,7 +249,7 @@ def _read_video(where: Path, table: Path) -> Footage:
         labels=_video_labels(table, count),
         focal_px=assumed_focal_px(width_px, height_px),
         reference_m=REFERENCE_OF_PALM * _PALM_WIDTH_M,
-        period_ns=round(frame_period_ns(video)),
+        period_ns=round(last_ms * 1e6 / (count - 1)) if last_ms > count else frame_period_ns(video),
         frames=lambda: _video_frames(where),
         claimed_frames=max(0, int(video.get(cv2.CAP_PROP_FRAME_COUNT))),
     )

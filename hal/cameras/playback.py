@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ from logs.reading.regular import MAX_IMAGE, read_bytes
 
 MAX_PIXELS = 100_000_000  # of an image: 300 MB decoded; a file of a megabyte can claim a thousand times as many
 Image.MAX_IMAGE_PIXELS = None  # Pillow's own limit warns; here it only reads headers
+NS_PER_MS = 1_000_000
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".webp", ".tif", ".tiff"})
 
 
@@ -134,14 +136,14 @@ def open_video(path: Path) -> cv2.VideoCapture | None:
     return capture if capture is not None and capture.isOpened() else None
 
 
-def frame_period_ns(video: cv2.VideoCapture) -> float:
-    """At the video's own rate; at 30/s where it has none, or one that no camera has."""
+def frame_period_ns(video: cv2.VideoCapture) -> int:
+    """At the video's own rate; at 30/s where it has none, or one that is its clock's (Matroska's: milliseconds)."""
     rate_hz = video.get(cv2.CAP_PROP_FPS)
-    return 1e9 / (rate_hz if 0 < rate_hz <= 1000 else 30.0)
+    return round(1e9 / (rate_hz if 0 < rate_hz < 1000 else 30.0))
 
 
 def video_source(path: Path) -> FrameSource:
-    """A video file's images at its own rate (30/s where it has none)."""
+    """A video file's images by their own times, where it has any: those of telephones and browsers come unevenly."""
 
     def source() -> Iterator[RecordedFrame]:
         capture = open_video(path)
@@ -150,14 +152,15 @@ def video_source(path: Path) -> FrameSource:
         if capture.get(cv2.CAP_PROP_FRAME_WIDTH) * capture.get(cv2.CAP_PROP_FRAME_HEIGHT) > MAX_PIXELS:
             raise HardwareError(RecordingFault.VIDEO_UNREADABLE, path=path)
         period_ns = frame_period_ns(capture)
-        number = 0
+        offset_ns = -period_ns
         try:
             while True:
                 there, image = capture.read()
                 if not there:
                     return
-                yield RecordedFrame(offset_ns=round(number * period_ns), image_bgr=np.asarray(image, np.uint8))
-                number += 1
+                stamp_ns = round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
+                offset_ns = stamp_ns if stamp_ns - offset_ns > NS_PER_MS else offset_ns + period_ns
+                yield RecordedFrame(offset_ns=offset_ns, image_bgr=np.asarray(image, np.uint8))
         finally:
             capture.release()
 
@@ -175,13 +178,20 @@ def folder_source(folder: Path, rate_hz: float = 30.0) -> FrameSource:
 
 
 def image_files(folder: Path) -> list[Path]:
-    """The images in a folder, by name. Raises HardwareError when there are none."""
+    """The images in a folder, by name: 2 before 10. Raises HardwareError when there are none."""
     if not folder.is_dir():
         raise HardwareError(RecordingFault.FOLDER_NOT_FOUND, path=folder)
-    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES)
+    files = [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES]
     if not files:
         raise HardwareError(RecordingFault.FOLDER_EMPTY, path=folder, known=", ".join(sorted(IMAGE_SUFFIXES)))
-    return files
+    return sorted(
+        files, key=lambda path: [(len(part), part) if part.isdecimal() else (0, part) for part in _parts(path)]
+    )
+
+
+def _parts(path: Path) -> list[str]:
+    """A name's words and numbers in turn, the numbers without leading zeros."""
+    return [part.lstrip("0") if part.isdecimal() else part for part in re.split(r"(\d+)", path.name)]
 
 
 def read_image(path: Path) -> ImageArray:

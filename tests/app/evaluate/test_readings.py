@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import struct
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
@@ -72,6 +73,34 @@ def test_a_rate_that_no_camera_has_is_not_taken(tmp_path: Path) -> None:
     file.write_bytes(data)
     file.with_suffix(".csv").write_text("frame,label\n0,5\n")
     assert read_footage(file).period_ns == 33_333_333
+
+
+def with_slow_end(file: Path, frames: int, slow: int) -> Path:
+    """A telephone's video: its second part's frames last thrice as long. ISO 14496-12, 8.6.1.2: the table `stts`."""
+    data = file.read_bytes()
+    at, begins, end = list[int](), 0, len(data)
+    for name in (b"moov", b"trak", b"mdia", b"minf", b"stbl", b"stts"):
+        place = data.index(name, begins, end) - 4
+        begins, end = place + 8, place + int.from_bytes(data[place : place + 4])
+        at.append(place)
+    (delta,) = struct.unpack(">I", data[at[-1] + 20 : at[-1] + 24])
+    table = struct.pack(">I4s6I", 32, b"stts", 0, 2, frames - slow, delta, slow, 3 * delta)
+    longer = bytearray(data)
+    for place in at[:-1]:
+        size = int.from_bytes(data[place : place + 4]) + len(table) - (end - at[-1])
+        longer[place : place + 4] = size.to_bytes(4)
+    longer[at[-1] : end] = table
+    file.write_bytes(longer)
+    return file
+
+
+def test_a_video_is_played_by_its_frames_own_times(tmp_path: Path) -> None:
+    file = filmed(tmp_path / "phone.mp4", "mp4v", [np.full((48, 64, 3), 10 * n, np.uint8) for n in range(12)])
+    with_slow_end(file, 12, 6)
+    offsets_ms = [round(frame.offset_ns / 1e6) for frame in video_source(file)()]
+    assert offsets_ms == [0, 50, 100, 150, 200, 250, 300, 450]  # its length in the header is still the old one
+    file.with_suffix(".csv").write_text("frame,label\n0,5\n")
+    assert read_footage(file).period_ns == pytest.approx(450_000_000 / 7, abs=1)
 
 
 def test_a_name_with_a_colon_is_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

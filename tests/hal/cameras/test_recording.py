@@ -8,13 +8,14 @@ from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from hal.cameras import playback
 from hal.cameras.camera import Camera, EndOfRecording, Frame
 from hal.cameras.factory import open_camera
-from hal.cameras.playback import PlaybackCamera, RecordedFrame, folder_source
+from hal.cameras.playback import PlaybackCamera, RecordedFrame, folder_source, image_files
 from hal.errors import CameraFault, RecordingFault
 from tests.hal.cameras.conftest import FRAMES, HEIGHT, PERIOD_NS, WIDTH, Kept, small_hand
 from tests.support.errors import refused
@@ -135,6 +136,13 @@ def test_a_reader_slower_than_the_recording_gets_the_newest_image_if_paced(
             clock.sleep(4 * PERIOD_NS / 1e9)
     assert len(ages_ns) == given
     assert not paced or max(ages_ns) < 2 * PERIOD_NS
+
+
+def test_a_folders_images_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+    names = [f"frame_{number}.png" for number in (1, 2, 9, 10, 11, 100)]
+    for name in reversed(names):
+        cv2.imwrite(str(tmp_path / name), np.zeros((4, 4, 3), np.uint8))
+    assert [path.name for path in image_files(tmp_path)] == names
 
 
 @pytest.mark.parametrize("decoding", [0.5, 0.99, 1.2, 4.0])  # in periods of the video
