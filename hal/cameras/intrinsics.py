@@ -221,9 +221,10 @@ def calibrate(corners: Iterable[Corners], board: Board, width_px: int, height_px
             columns=board.columns,
             rows=board.rows,
         )
-    flags = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
+    # Square pixels: distances use one focal length. Of a mode that squeezes its images the boards then disagree.
+    flags = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_ASPECT_RATIO
     residual, matrix, distortion, turns, _ = cv2.calibrateCamera(
-        [board.points_m] * len(found), found, (width_px, height_px), None, None, flags=flags
+        [board.points_m] * len(found), found, (width_px, height_px), np.eye(3), None, flags=flags
     )
     if not (np.isfinite(matrix).all() and residual <= MAX_RESIDUAL_PX):
         raise HardwareError(CameraFault.CHESSBOARDS_DISAGREE, residual_px=float(residual), limit_px=MAX_RESIDUAL_PX)

@@ -95,6 +95,14 @@ def test_boards_that_all_face_the_camera_measure_no_lens() -> None:
         calibrate(noisy, BOARD, 640, 360)
 
 
+def test_a_mode_that_squeezes_its_images_is_refused() -> None:
+    """Whose focal lengths differ by a third: every distance is measured by one of them."""
+    corners = [find_corners(seen_board(LENS, *view), BOARD) for view in VIEWS]
+    squeezed = [np.asarray(one * (0.75, 1.0), np.float32) for one in corners if one is not None]
+    with refused(CameraFault.CHESSBOARDS_DISAGREE):
+        calibrate(squeezed, BOARD, 480, 360)
+
+
 def test_an_image_without_a_board_shows_none() -> None:
     assert find_corners(np.full((360, 640, 3), 128, np.uint8), BOARD) is None
 
