@@ -13,7 +13,7 @@ from typing import Protocol
 import cv2
 import numpy as np
 
-from kgdfa.hand import FloatArray, Hand
+from kgdfa.hand import FloatArray, Hand, same_place
 from kgdfa.preprocess import Image, as_bgr8, brighten, reduced
 
 
@@ -82,13 +82,16 @@ def augment(image_bgr: Image, augmentation: Augmentation) -> tuple[Image, FloatA
     return image.astype(np.uint8, copy=False), transform
 
 
-def detect_augmented(detector: StillDetector, image_bgr: Image, augmentation: Augmentation) -> Hand | None:
-    """The largest hand in one augmented image, as it is on the image itself."""
+def detect_augmented(
+    detector: StillDetector, image_bgr: Image, augmentation: Augmentation, like: Hand | None = None
+) -> Hand | None:
+    """The largest hand in one augmented image, as it is on the image itself. like: the hand that it must be."""
     shown, transform = augment(image_bgr, augmentation)
-    hands = detector.detect(shown)
-    if not hands:
+    hands = [to_image(hand, transform) for hand in detector.detect(shown)]
+    found = [hand for hand in hands if like is None or same_place(hand, like)]
+    if not found:
         return None
-    hand = to_image(max(hands, key=lambda found: found.reference_px), transform)
+    hand = max(found, key=lambda one: one.reference_px)
     return replace(hand, side=hand.side.other) if augmentation.mirrored else hand
 
 
@@ -106,8 +109,12 @@ def detect_photo(detector: StillDetector, eager: StillDetector, image_bgr: Image
     detector: at its usual thresholds; eager: at `FALLBACK_THRESHOLD`, used only when the plain one finds none.
     """
     image = as_bgr8(image_bgr)
-    plain, *others = [detect_augmented(detector, image, augmentation) for augmentation in AUGMENTATIONS]
+    first, *others = AUGMENTATIONS
+    plain = detect_augmented(detector, image, first)
     if plain is None:
         second = (detect_augmented(eager, image, augmentation) for augmentation in FALLBACK_AUGMENTATIONS)
         plain = next((hand for hand in second if hand is not None), None)
-    return tuple(hand for hand in (plain, *others) if hand is not None) if plain is not None else ()
+    if plain is None:
+        return ()
+    looks = (detect_augmented(detector, image, augmentation, plain) for augmentation in others)
+    return (plain, *(hand for hand in looks if hand is not None))

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import tracemalloc
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -63,6 +64,17 @@ class SpotDetector:
         return (Hand(image_px=points - points[0] + (x, y), world_m=world, presence=0.9, side=Side.LEFT),)
 
 
+class TwoHands(SpotDetector):
+    """Finds another hand beside, which is the larger one in every second image."""
+
+    def detect(self, image_bgr: Image, captured_ns: int = 0) -> tuple[Hand, ...]:
+        (hand,) = super().detect(image_bgr, captured_ns)
+        larger = 0.5 if self.asked % 2 else 2.0
+        points = (hand.image_px - hand.image_px[0]) * larger
+        other = replace(hand, image_px=points + hand.image_px[0] + (8 * hand.reference_px, 0), presence=0.7)
+        return (hand, other)
+
+
 def spotted() -> Image:
     image = np.zeros((200, 160, 3), np.uint8)
     image[80:87, 50:57] = 255
@@ -83,6 +95,11 @@ def test_a_mirrored_view_reports_the_other_side_and_mirrors_space() -> None:
     assert mirrored is not None
     assert (plain.side, mirrored.side) == (Side.LEFT, Side.RIGHT)
     assert mirrored.world_m[8, 0] == pytest.approx(-plain.world_m[8, 0])
+
+
+def test_every_look_is_of_the_hand_that_the_plain_one_shows() -> None:
+    looks = detect_photo(TwoHands(), SpotDetector(), spotted())
+    assert [hand.presence for hand in looks] == [0.9] * len(AUGMENTATIONS)
 
 
 def test_second_detections_are_taken_only_where_the_first_is_empty() -> None:
