@@ -262,7 +262,15 @@ def without_hand(captured_ns: int, sequence: int, threshold_m: float) -> Trigger
 
 def event(event: Event, effect: Effect, since_ns: int = 0, **detail: Value) -> ActiveEvent:
     """An unacknowledged event, present now."""
-    return ActiveEvent(event=event, effect=effect, detail=detail, since_ns=since_ns, present=True, acknowledged=False)
+    return ActiveEvent(
+        event=event,
+        effect=effect,
+        detail=detail,
+        since_ns=since_ns,
+        number=since_ns,
+        present=True,
+        acknowledged=False,
+    )
 
 
 def walk_steps(host: FakeHost, steps: int, step_m: float = 0.3, **fields: Any) -> None:

@@ -156,8 +156,14 @@ class ActiveEvent(Struct, frozen=True, kw_only=True):
     detail: dict[str, Value] = {}  # when it was raised; units in the names
     effect: Effect
     since_ns: int
+    number: int  # of its identity: `since_ns` by control's clock, which no link converts
     present: bool  # the condition still holds
     acknowledged: bool
+
+    @property
+    def identity(self) -> tuple[Event, int]:
+        """The same in every snapshot until the event is raised again; over a link `since_ns` is not."""
+        return self.event, self.number
 
     @property
     def reason(self) -> Reason:

@@ -147,19 +147,19 @@ class ServedSession:
             self._hand(command, clock, now_ns)
 
     def hand_stops(
-        self, stops: Iterable[StopMark], clock: ClockEstimate, now_ns: int, acknowledged_ns: int = 0
+        self, stops: Iterable[StopMark], clock: ClockEstimate, now_ns: int, acknowledged_ns: int = 0, lease: int = 0
     ) -> None:
         """STOPs that came by packet: each once, whether its frame came before or comes later.
 
-        acknowledged_ns: when the console acknowledged last. That precedes the STOPs given after it, or the first of
-        them would count as a second one, and damp.
+        acknowledged_ns: when the console of that lease acknowledged last; a STOP may be another console's. That
+        precedes the STOPs given after it, or the first of them would count as a second one, and damp.
         """
         for stop in stops:
             command = OperatorCommand(lease=stop.lease, sequence=stop.sequence, kind=stop.kind, sent_ns=stop.sent_ns)
             recent = now_ns - clock.local_ns(acknowledged_ns) <= LOST_NS
             if 0 < acknowledged_ns < stop.sent_ns and recent and stop not in self._handed.values():
                 kind = OperatorKind.ACKNOWLEDGE
-                self._hand(replace(command, kind=kind, sent_ns=acknowledged_ns), clock, now_ns)
+                self._hand(replace(command, kind=kind, lease=lease, sent_ns=acknowledged_ns), clock, now_ns)
             self._hand(command, clock, now_ns)
 
     def hand_heartbeat(self, heartbeat_ns: int, lease: int, clock: ClockEstimate) -> None:

@@ -25,7 +25,7 @@ from app.system.errors import AppError
 from logs.reason import Reason
 from profiles.schema import Profile
 
-VERSION = 5  # of the messages here and of those that they carry; another one is refused
+VERSION = 6  # of the messages here and of those that they carry; another one is refused
 PORT = 7447
 FRAMES_IN_FLIGHT = 6  # more would be a backlog after a cut: what is newer replaces what could not be sent
 COMMANDS_A_FRAME = 16
@@ -54,7 +54,7 @@ class LinkFault(Enum):
     CODE_USED_UP = auto()
     CODE_MALFORMED = auto()
     NO_CODE = auto()  # host
-    NO_SERVICE = auto()  # home
+    NO_SERVICE = auto()  # home, port
     NO_SUCH_PEER = auto()  # name
     AMBIGUOUS_PEER = auto()  # name
     KEYS_DAMAGED = auto()  # path
@@ -175,7 +175,7 @@ class Packet(Struct, frozen=True, kw_only=True, array_like=True):
     wall_ns: int = 0  # wall clock minus monotonic clock, of the sender: its steps are told; compared with no other
     loss: float = 1.0  # of what comes to the sender
     stops: tuple[StopMark, ...] = ()  # laptop: not acknowledged yet. Joints: acknowledged by control
-    acknowledged_ns: int = 0  # laptop: when the console acknowledged events last, which comes by frame
+    acknowledged_ns: int = 0  # laptop: when the console of `lease` acknowledged events last, which comes by frame
     heartbeat_ns: int = 0  # laptop: when the console said last that STOP can be given
     lease: int = 0  # laptop: of that console
 

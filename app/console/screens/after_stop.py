@@ -47,8 +47,8 @@ def _waiting(app: ConsoleApp) -> list[ActiveEvent]:
 
 def _acknowledge(app: ConsoleApp, shown: list[ActiveEvent]) -> None:
     """Control takes all that was raised before: where more waits than was shown, ask again."""
-    known = {(event.event, event.since_ns) for event in shown}
-    if not known.issuperset((event.event, event.since_ns) for event in _waiting(app)):
+    known = {event.identity for event in shown}
+    if not known.issuperset(event.identity for event in _waiting(app)):
         ask_to_acknowledge(app)
     else:
         _send(app, OperatorKind.ACKNOWLEDGE)

@@ -228,6 +228,7 @@ class GaitPanel(DrawnPanel):
     def show(self, state: SessionState) -> None:
         """Draw the newest snapshot."""
         now = state.snapshot
-        at_once = now and (now.state, now.action, now.pending, now.allowed, now.why_not, now.events)
-        if self.due(state.now_ns, (at_once, state.snapshot_fresh, state.fault)):
+        at_once = now and (now.state, now.action, now.pending, now.allowed, now.why_not)
+        events = now and tuple(event.identity for event in now.events)
+        if self.due(state.now_ns, (at_once, events, state.snapshot_fresh, state.fault)):
             self.lines = gait_lines(state, self.content_size.width, self.content_size.height)

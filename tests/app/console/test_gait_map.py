@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import msgspec
 import pytest
+from textual.app import App, ComposeResult
 
-from app.console.widgets.gait import DARK, LEADS_TO, LIT, RUNNING, gait_map, signpost
+from app.console.widgets.gait import DARK, LEADS_TO, LIT, RUNNING, GaitPanel, gait_map, signpost
 from app.console.widgets.panel import cells
 from app.control.gait.table import TABLE
 from app.ipc.messages import ControlSnapshot
-from app.ipc.states import GESTURE_OF, Action, GaitState
+from app.ipc.states import GESTURE_OF, Action, Effect, Event, GaitState
+from app.link.clock import ClockEstimate, localized
 from app.text.catalogue import tr, use_language
-from testing.fake_host import STANDING
+from testing.fake_host import STANDING, event
+from tests.app.console.test_link_shown import MS, folded
 from tests.app.console.test_sizes import text_of
 
 
@@ -79,3 +84,30 @@ def test_an_action_outside_the_vocabulary_is_shown_with_its_key_only(language: s
     assert f" {tr(GESTURE_OF[Action.STAIR_UP])} " in usual
     assert f" {tr(GESTURE_OF[Action.STAIR_UP])} " not in drawn
     assert f" {tr(GESTURE_OF[Action.WALK])} " in drawn
+
+
+class ShownGait(App[None]):
+    """The panel alone, without a session's screen that updates it."""
+
+    CSS = "GaitPanel { height: 12; }"
+
+    def compose(self) -> ComposeResult:
+        yield GaitPanel()
+
+
+async def test_an_event_of_a_second_computer_is_drawn_at_once_and_then_no_oftener_than_here() -> None:
+    """Its moment is told anew with every snapshot."""
+    state = folded()
+    refused = event(Event.CONSOLE_TIMEOUT, Effect.REFUSE, 9_000)
+    walking = msgspec.structs.replace(
+        STANDING, at_ns=state.now_ns, action=Action.WALK, allowed=(), progress=0.1, events=(refused,)
+    )
+    again = localized(msgspec.structs.replace(walking, progress=0.7), ClockEstimate(0, 0, 1))
+    over = msgspec.structs.replace(again, events=())
+    async with ShownGait().run_test(size=(60, 12)) as pilot:
+        panel = pilot.app.query_one(GaitPanel)
+        shown = []
+        for at_ms, snapshot in ((0, walking), (50, walking), (100, again), (150, over)):
+            panel.show(dataclasses.replace(state, snapshot=snapshot, now_ns=state.now_ns + at_ms * MS))
+            shown.append([percent for percent in ("10%", "70%") if percent in panel.text])
+    assert shown == [["10%"], ["10%"], ["10%"], ["70%"]]

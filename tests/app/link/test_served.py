@@ -214,7 +214,7 @@ def test_a_stop_that_overtakes_an_acknowledgement_brings_it_along_and_so_holds(
     there, rig = served(False), standing()
     first, acknowledged, second = (1_000_000_000 * place for place in (1, 2, 3))
     there.session.hand_stops([StopMark(1, 1, first)], SAME_CLOCK, first)
-    there.session.hand_stops([StopMark(1, 1, first), StopMark(1, 3, second)], SAME_CLOCK, second, acknowledged)
+    there.session.hand_stops([StopMark(1, 1, first), StopMark(1, 3, second)], SAME_CLOCK, second, acknowledged, 1)
     there.give(K.ACKNOWLEDGE, 2, sent_ns=acknowledged)  # its frame
     given = there.control_received(3)
     assert [(one.kind, one.sent_ns) for one in given] == [
@@ -228,9 +228,30 @@ def test_a_stop_that_overtakes_an_acknowledgement_brings_it_along_and_so_holds(
     assert now(rig).effect is Effect.HOLD
 
 
+def test_a_stop_of_an_earlier_console_brings_along_what_the_present_one_acknowledged(
+    served: Callable[[bool], Served],
+) -> None:
+    """The takeover counts as a first press; STOP is heard from everybody."""
+    there, rig = served(False), standing()
+    taken, acknowledged, pressed = (1_000_000_000 * place for place in (1, 2, 3))
+    there.give(K.TAKE_OVER, 1, lease=2, sent_ns=taken, operator="tom")
+    there.session.hand_stops([StopMark(1, 9, pressed)], SAME_CLOCK, pressed, acknowledged, 2)
+    there.give(K.ACKNOWLEDGE, 3, lease=2, sent_ns=acknowledged)  # its frame
+    given = there.control_received(3)
+    assert [(one.kind, one.lease, one.sent_ns) for one in given] == [
+        (K.TAKE_OVER, 2, taken),
+        (K.ACKNOWLEDGE, 2, acknowledged),
+        (K.STOP, 0, pressed),
+    ]
+    for one in given:
+        rig.send(K.STOP if one.kind is K.TAKE_OVER else one.kind)
+        rig.tick(100)
+    assert now(rig).effect is Effect.HOLD
+
+
 def test_an_acknowledgement_from_before_a_stop_s_press_alone_precedes_it(served: Callable[[bool], Served]) -> None:
     there = served(False)
-    there.session.hand_stops([StopMark(1, 1, 5_000)], SAME_CLOCK, 5_000, 6_000)
+    there.session.hand_stops([StopMark(1, 1, 5_000)], SAME_CLOCK, 5_000, 6_000, 1)
     there.session.hand_stops([StopMark(1, 2, 7_000)], SAME_CLOCK, 7_000, 0)
     assert [one.kind for one in there.control_received(2)] == [K.STOP, K.STOP]
 

@@ -9,7 +9,7 @@ from msgspec.structs import fields
 from app.ipc.messages import ActionReport, ActiveEvent, OperatorCommand, OperatorKind, TriggerReport
 from app.ipc.states import Action, Effect, Event, GaitState, Source
 from app.link.clock import MOMENTS, PARTS, ClockEstimate, localized
-from testing.fake_host import STANDING
+from testing.fake_host import STANDING, event
 
 AHEAD = ClockEstimate(0, 900, 1_100)
 
@@ -41,7 +41,7 @@ def test_what_has_not_come_stays_so() -> None:
 
 
 def test_parts_are_shifted_with_the_whole() -> None:
-    event = ActiveEvent(event=Event.STOP, effect=Effect.HOLD, since_ns=9_000, present=True, acknowledged=False)
+    event = stopped(9_000)
     action = ActionReport(
         number=1, action=Action.WALK, source=Source.GESTURE, from_state=GaitState.STANDING, released_ns=8_000
     )
@@ -51,3 +51,15 @@ def test_parts_are_shifted_with_the_whole() -> None:
     assert shifted.events[0].since_ns == 7_900
     assert shifted.reports[0].released_ns == 6_900
     assert shifted.pauses == snapshot.pauses
+
+
+def test_an_event_s_identity_is_none_of_its_moments() -> None:
+    """The estimate is another one with every snapshot; an event that is raised anew is another one by any."""
+    first, later = (localized(stopped(9_000), clock) for clock in (AHEAD, ClockEstimate(0, 900, 1_101)))
+    assert (first.since_ns, later.since_ns) == (7_900, 7_899)
+    assert first.identity == later.identity == stopped(9_000).identity
+    assert localized(stopped(9_001), ClockEstimate(0, 900, 1_101)).identity != first.identity
+
+
+def stopped(since_ns: int) -> ActiveEvent:
+    return event(Event.STOP, Effect.HOLD, since_ns)

@@ -15,7 +15,7 @@ import zmq
 from msgspec.structs import replace
 
 from app.demo.two_hosts import free_port, joints_process
-from app.ipc.messages import ControlSnapshot, OperatorKind
+from app.ipc.messages import ActiveEvent, ControlSnapshot, OperatorKind
 from app.ipc.states import Action, ConsoleChange, Effect, Event, GaitState, StopSource
 from app.link.beats import LOST_NS
 from app.link.keys import own_key, peers_of
@@ -104,6 +104,14 @@ def test_stop_is_acknowledged_by_control(bed: Bed) -> None:
     assert caused(now) is Effect.HOLD, "one press is one STOP, by whichever way it came first"
     stops = [one.event for one in now.events if one.effect is Effect.HOLD and one.event not in STALLS]
     assert stops == [Event.STOP]
+    first, moments = by_event(now)[Event.STOP], set[int]()
+
+    def is_told_again(now: ControlSnapshot) -> bool:
+        assert by_event(now)[Event.STOP].identity == first.identity, "what the console acknowledges by"
+        moments.add(by_event(now)[Event.STOP].since_ns)
+        return len(moments) > 1
+
+    bed.session.until(is_told_again, "another estimate of the clock")
 
 
 def test_a_short_cut_at_rest_changes_nothing_by_itself(bed: Bed) -> None:
@@ -223,6 +231,10 @@ def test_joints_started_again_after_a_takeover_at_the_laptop_hear_the_new_consol
     assert bed.session.stand().state is GaitState.STANDING
     bed.session.until(lambda _: len(takeovers(bed)) > 1, "the trail's records")
     assert set(takeovers(bed)[-2:]) == {"tom"}
+
+
+def by_event(now: ControlSnapshot) -> dict[Event, ActiveEvent]:
+    return {one.event: one for one in now.events}
 
 
 def present(now: ControlSnapshot) -> set[Event]:
