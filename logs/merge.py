@@ -1,7 +1,7 @@
 """Two trails on one time axis: the first trail's clock, by the offsets that both recorded, with what is uncertain.
 
 Each mention bounds the offset of the clocks at its moment; the nearest on either side of a record, widened by what two
-quartz clocks drift meanwhile, bound it there (as `app.link.clock` does it, after NTP: RFC 5905, §8).
+clocks drift meanwhile, bound it there (as `app.link.clock` does it, after NTP: RFC 5905, §8).
 """
 
 from __future__ import annotations

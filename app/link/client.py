@@ -161,7 +161,8 @@ class LinkClient:
 
     def _take_command(self, command: OperatorCommand) -> None:
         if command.kind is OperatorKind.TAKE_OVER:
-            self._lease = max(self._lease, command.lease)
+            if command.lease > self._lease:
+                self._lease, self._acknowledged_ns = command.lease, 0
             if self._remote is not None:
                 self._remote.commanded_by(command.operator)
         if command.kind is OperatorKind.HEARTBEAT:
@@ -263,8 +264,9 @@ class LinkClient:
         self._sink.emit(Note(text=reason(notice, **values)))
 
     def _send(self, remote: Remote, now_ns: int) -> None:
-        if remote.must_reconnect(now_ns, packets_lost=self._beats.newest_ns > 0 and self._beats.lost(now_ns)):
-            remote.connect(now_ns)
+        silent = self._beats.lost(now_ns)
+        if remote.must_reconnect(now_ns, packets_lost=self._beats.newest_ns > 0 and silent):
+            remote.connect(now_ns, silent=silent)
         if self._seal is None:
             return
         if self._beats.due(now_ns):

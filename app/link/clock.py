@@ -3,7 +3,7 @@
 As NTP does it (RFC 5905, §8): of a packet that was sent at t1, received at t2, answered at t3 and whose answer came at
 t4, the other clock is ahead by at most t2 − t1 and by at least t3 − t4, whatever way the delay is shared. Where NTP
 takes the middle of the quickest round trip, all bounds are kept here: their intersection holds the truth as long as
-both clocks run, each widened by what two quartz clocks drift meanwhile. A bound that contradicts it is a step.
+both clocks run, each widened by what two clocks drift meanwhile. A bound that contradicts it is a step.
 
 Raw clocks of two hosts are never compared: moments that cross the link are told by the clock of who receives them.
 """
@@ -51,6 +51,14 @@ class RoundTrip:
     def plausible(self) -> bool:
         """Whether time went forward at both ends; a forged or restarted one may not."""
         return self.returned_ns >= self.sent_ns and self.answered_ns >= self.received_ns
+
+    @property
+    def stood_still(self) -> bool:
+        """Whether our clock stood still meanwhile, as of a computer that slept: they waited longer than it all took.
+
+        Then `received_ns − sent_ns` says nothing of the clocks as they are now.
+        """
+        return self.delay_ns < -_drift_ns(self.returned_ns - self.sent_ns)
 
 
 @dataclass(frozen=True, slots=True)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import socket
+import struct
 import time
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import zmq
 from zmq.auth.thread import ThreadAuthenticator
@@ -20,7 +22,16 @@ from logs.reading.errors import CodedError
 FRAMES_A_ROUND = 64
 PACKETS_A_ROUND = 512
 MAX_FRAME = 1 << 18
-Where = tuple[str, int]
+_IP_PKTINFO = 8  # Linux, ip(7); `socket` has no name for it before Python 3.14
+# struct in_pktinfo: interface, our own address, the address in the packet's head
+_PACKET_INFO = struct.Struct("=i4s4s")
+
+
+class Where(NamedTuple):
+    """Where a packet came from, and which of our addresses it was sent to."""
+
+    peer: tuple[str, int]
+    own: bytes
 
 
 class _Paired:
@@ -89,9 +100,11 @@ class JointsPort:
         """What came, whatever it is."""
         for _ in range(PACKETS_A_ROUND):
             try:
-                yield self._packets.recvfrom(MAX_BYTES + 1)
+                datagram, beside, _, peer = self._packets.recvmsg(MAX_BYTES + 1, socket.CMSG_SPACE(_PACKET_INFO.size))
             except (BlockingIOError, ConnectionError):
                 return
+            _, own, _ = _PACKET_INFO.unpack(beside[0][2])
+            yield datagram, Where(peer, own)
 
     def send_frame(self, connection: bytes, content: bytes) -> None:
         """To one that has gone, or whose queue is full: nothing. It asks again."""
@@ -101,9 +114,11 @@ class JointsPort:
             return
 
     def send_packet(self, datagram: bytes, where: Where) -> None:
-        """Without a way there it is lost, as on the air: the next one is due in 20 ms."""
+        """From the address that was asked; without a way there it is lost, as on the air: the next is due in 20 ms."""
+        # With two interfaces in one network the kernel would choose the other one's, which no asker listens to.
+        beside = (socket.IPPROTO_IP, _IP_PKTINFO, _PACKET_INFO.pack(0, where.own, bytes(4)))
         try:
-            self._packets.sendto(datagram, where)
+            self._packets.sendmsg([datagram], [beside], 0, where.peer)
         except OSError:
             return
 
@@ -134,6 +149,7 @@ class JointsPort:
         for option, value in options:
             self._frames.setsockopt(option, value)
         self._packets.setblocking(False)
+        self._packets.setsockopt(socket.IPPROTO_IP, _IP_PKTINFO, 1)
         try:
             self._frames.bind(f"tcp://*:{port}")
         except zmq.ZMQError as error:

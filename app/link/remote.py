@@ -5,6 +5,7 @@ from __future__ import annotations
 import socket
 from collections.abc import Iterator
 from contextlib import suppress
+from threading import Thread
 
 import msgspec
 import zmq
@@ -40,6 +41,7 @@ class Remote:
         self.host = host
         self._key, self._their_key = own_key(home), peer.public
         self._where = resolve(host)
+        self._lookup: Thread | None = None
         self.poller = zmq.Poller()
         self._open_packets(connected(host, self._where))
         self._operator = ""  # who took over at the laptop
@@ -81,8 +83,13 @@ class Remote:
         """Another operator took over at the laptop: `rleex joints` that is started again is told the name."""
         self._operator = operator
 
-    def connect(self, now_ns: int) -> None:
-        """A new connection, which greets; what was under way on the old one is repeated or newer now."""
+    def connect(self, now_ns: int, *, silent: bool = False) -> None:
+        """A new connection, which greets; what was under way on the old one is repeated or newer now.
+
+        silent: no packets come: the name may mean another address by now, which the next connection takes.
+        """
+        if silent and self._connected_ns:
+            self._look_up()
         self._close_frames()
         self._renew_packets()
         frames = self._frames = self._context.socket(zmq.DEALER)
@@ -142,6 +149,16 @@ class Remote:
         self._close_frames(linger_ms=200)
         self._packets.close()
         self._context.term()
+
+    def _look_up(self) -> None:
+        """In a thread: a look-up may take seconds, and STOP leaves by this one."""
+        if self._lookup is None or not self._lookup.is_alive():
+            self._lookup = Thread(target=self._resolve, daemon=True)
+            self._lookup.start()
+
+    def _resolve(self) -> None:
+        with suppress(AppError):  # without an answer the old one may be good again
+            self._where = resolve(self.host)
 
     def _renew_packets(self) -> None:
         """A socket keeps the address that this computer had when it was opened."""

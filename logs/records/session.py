@@ -216,7 +216,9 @@ class TrailEnd(Struct, frozen=True, kw_only=True):
     hash: Hex
 
 
-DRIFT_PPM = 250  # between two clocks: quartz keeps ±100 ppm each over its temperatures, and a margin
+# Between two monotonic clocks, which follow NTP (clock_gettime(2)): it changes the frequency of each by at most 500 ppm
+# (adjtimex(2), ADJ_FREQUENCY); quartz alone keeps ±100 ppm. An offset that is slewed away may be quicker.
+DRIFT_PPM = 1_000
 
 
 class OtherTrail(TrailEnd, frozen=True, kw_only=True, tag_field="kind", tag="other-trail"):

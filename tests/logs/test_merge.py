@@ -23,7 +23,7 @@ def noted_ns(one: Merged) -> int | None:
 
 @given(
     ahead_ns=st.integers(-HOUR + 1, HOUR),
-    drift_ppm=st.integers(-200, 200),
+    drift_ppm=st.integers(-1000, 1000),
     errors=st.lists(st.tuples(st.floats(-1, 1), st.integers(0, 50 * MS)), min_size=4, max_size=4),
     notes=st.lists(st.tuples(st.integers(1, 600 * SECOND), st.booleans()), max_size=12),
 )
@@ -65,7 +65,7 @@ def test_an_hour_apart_and_drifting_the_order_is_the_true_one(tmp_path: Path) ->
         said = [int(str(one.record.body.text)) for one in found if isinstance(one.record.body, Note)]
         assert said == sorted(said)
         assert len(said) == 100
-        assert max(one.placed.uncertainty_ns for one in found) < 2 * MS
+        assert max(one.placed.uncertainty_ns for one in found) < 3 * MS
         assert {one.placed.uncertainty_ns for one in found if one.trail == 0} == {0}
 
 
@@ -78,7 +78,7 @@ def test_the_quicker_of_two_estimates_counts_and_a_step_is_not_hidden() -> None:
 
 
 def test_far_from_any_estimate_a_place_is_less_certain() -> None:
-    assert place_moment([Bound(0, -MS, MS)], 1000 * SECOND).uncertainty_ns >= MS + 250 * MS
+    assert place_moment([Bound(0, -MS, MS)], 1000 * SECOND).uncertainty_ns >= MS + 1_000 * MS
 
 
 def test_trails_that_do_not_belong_together_are_refused(tmp_path: Path) -> None:

@@ -121,11 +121,19 @@ def test_it_ends_with_its_session_and_waits_for_the_end_of_one_before(
     assert not any(frame.ends for frame in joints.frames)
 
 
-def test_a_stop_s_packet_says_when_its_console_acknowledged_last(begin: Begin) -> None:
+@pytest.mark.parametrize(
+    ("sent", "told"),
+    [
+        (((K.HEARTBEAT, 1, 10), (K.ACKNOWLEDGE, 1, 20), (K.ACKNOWLEDGE, 2, 30), (K.STOP, 1, 40)), (1, 20)),
+        (((K.HEARTBEAT, 1, 10), (K.ACKNOWLEDGE, 1, 20), (K.TAKE_OVER, 2, 30), (K.STOP, 2, 40)), (2, 0)),
+    ],
+)
+def test_a_stop_s_packet_says_when_the_console_of_its_lease_acknowledged_last(
+    begin: Begin, sent: tuple[tuple[K, int, int], ...], told: tuple[int, int]
+) -> None:
     """An acknowledgement comes by frame, which a STOP after it may overtake; another console's is none of its own."""
     link, joints = begin((WELCOME,))
     console = OrderedSender(address(link._setup.links, streams.OPERATOR.name))
-    sent = ((K.HEARTBEAT, 1, 10), (K.ACKNOWLEDGE, 1, 20), (K.ACKNOWLEDGE, 2, 30), (K.STOP, 1, 40))
     for number, (kind, lease, sent_ns) in enumerate(sent):
         console.send(OperatorCommand(sequence=number, kind=kind, lease=lease, sent_ns=sent_ns))
     running = threading.Thread(target=link.run)
@@ -138,4 +146,4 @@ def test_a_stop_s_packet_says_when_its_console_acknowledged_last(begin: Begin) -
     running.join(PATIENCE_S)
     console.close()
     stopped = next(packet for packet in joints.packets if packet.stops)
-    assert ([stop.sent_ns for stop in stopped.stops], stopped.acknowledged_ns) == ([40], 20)
+    assert ([stop.sent_ns for stop in stopped.stops], stopped.lease, stopped.acknowledged_ns) == ([40], *told)

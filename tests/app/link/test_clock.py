@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from hypothesis import assume, given
 from hypothesis import strategies as st
@@ -37,7 +37,7 @@ def trip(other: Other, sent_ns: int, out_ns: int, waits_ns: int, back_ns: int) -
 
 @given(
     ahead_ns=st.integers(-HOUR_NS, HOUR_NS),
-    drift_ppm=st.integers(-200, 200),
+    drift_ppm=st.integers(-1000, 1000),
     trips=st.lists(st.tuples(delays, delays, delays, st.integers(20 * MS, 5_000 * MS)), min_size=1, max_size=40),
 )
 def test_the_truth_lies_within_the_printed_uncertainty(
@@ -47,6 +47,7 @@ def test_the_truth_lies_within_the_printed_uncertainty(
     for out_ns, waits_ns, back_ns, pause_ns in trips:
         made = trip(other, now_ns, out_ns, waits_ns, back_ns)
         new = update(estimate, made)
+        assert not made.stood_still
         assert new.step_ns == 0, "a clock that only drifts was taken for a stepped one"
         estimate = new.estimate
         now_ns = made.returned_ns + pause_ns
@@ -74,7 +75,7 @@ def test_one_quick_round_trip_makes_it_precise() -> None:
         estimate = update(estimate, trip(other, now_ns, out_ns, 3 * MS, back_ns)).estimate
         now_ns += 20 * MS
     assert estimate is not None
-    assert estimate.uncertainty_ns < 2 * MS
+    assert estimate.uncertainty_ns < 3 * MS
     assert abs(estimate.offset_ns - HOUR_NS) <= estimate.uncertainty_ns
 
 
@@ -92,10 +93,20 @@ def test_a_step_beyond_the_uncertainty_is_told_once_and_followed() -> None:
     assert abs(estimate.offset_ns - other.ahead_ns) <= estimate.uncertainty_ns
 
 
+@given(out_ns=delays, waits_ns=delays, back_ns=delays, stood_ns=st.integers(0, 600 * MS))
+def test_a_sleep_within_a_round_trip_is_told_or_short(out_ns: int, waits_ns: int, back_ns: int, stood_ns: int) -> None:
+    """Bounds from what is not told are never inside out."""
+    whole = trip(Other(HOUR_NS), HOUR_NS, out_ns, waits_ns + stood_ns, back_ns)
+    slept = replace(whole, returned_ns=whole.returned_ns - stood_ns)
+    assert not whole.stood_still
+    assert slept.stood_still or update(None, slept).estimate.uncertainty_ns >= 0
+    assert slept.stood_still or stood_ns <= out_ns + back_ns + MS
+
+
 def test_what_has_not_come_stays_so() -> None:
     assert ClockEstimate(0, 5, 9).local_ns(0) == 0
 
 
 def test_knowledge_widens_with_time() -> None:
     old = ClockEstimate(0, -MS, MS)
-    assert old.at(10_000 * MS).uncertainty_ns == MS + 10_000 * MS * 250 // 1_000_000
+    assert old.at(10_000 * MS).uncertainty_ns == MS + 10_000 * MS * 1_000 // 1_000_000

@@ -6,11 +6,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from app.link.beats import BEAT_NS, LOST_NS, Beats
+from app.ipc.messages import AuditHealth
+from app.link.beats import BEAT_NS, LOST_NS, Beats, health_of
 from app.link.packets import MAX_BYTES, PacketSeal, new_packet_key
 from app.link.wire import Packet, StopMark
+from logs.records import TrailEnd
 
+HOUR_NS, MS = 3_600_000_000_000, 1_000_000
 KEY = new_packet_key()
+TRAIL = TrailEnd(session="s", key="ab", first_hash="cd", sequence=1, hash="ef")
 STOP = StopMark(1, 4, 17)
 
 
@@ -78,6 +82,56 @@ def test_both_ends_learn_the_offset() -> None:
     assert abs(laptop.clock.offset_ns - ahead_ns) <= laptop.clock.uncertainty_ns < 2_000_000
     assert abs(joints.clock.offset_ns + ahead_ns) <= joints.clock.uncertainty_ns < 2_000_000
     assert laptop.quality.round_trip_ns == 2_000_000
+
+
+@pytest.mark.parametrize("ppm", [600, 83_333])
+def test_a_clock_that_is_slewed_is_followed_without_a_note(ppm: int) -> None:
+    """600: what NTP may do to a clock; 83,333: chrony's quickest slew."""
+    laptop, joints = Beats(), Beats()
+    for number in range(1, 500):
+        exchange(laptop, joints, number * BEAT_NS, number * BEAT_NS * ppm // 1_000_000, 3 * MS)
+    assert laptop.steps == joints.steps == 0
+    assert laptop.clock is not None
+    assert abs(laptop.clock.offset_ns - 499 * BEAT_NS * ppm // 1_000_000) < 6 * MS
+
+
+def after_sleep(woken: Beats, other: Beats, now_ns: int, stood_ns: int) -> int:
+    """They knew each other; one slept, and the other's first packet answers one from before. When it comes."""
+    for number in range(20):
+        exchange(woken, other, now_ns + number * BEAT_NS, HOUR_NS, MS)
+    asleep_ns = now_ns + 20 * BEAT_NS
+    woken.take(other.next(asleep_ns + stood_ns + HOUR_NS, 0), asleep_ns + MS)
+    return asleep_ns + MS
+
+
+def test_after_a_sleep_nothing_is_said_of_the_clocks_until_a_whole_round_trip_and_then_one_step() -> None:
+    laptop, joints, stood_ns = Beats(), Beats(), 30_000 * MS
+    health = AuditHealth(at_ns=1, written=1, waiting=0, newest=TRAIL)
+    woke_ns = after_sleep(laptop, joints, HOUR_NS, stood_ns)
+    assert laptop.other_trail(health, woke_ns) is None
+    assert health_of(laptop, "exo", woke_ns, 0, None).uncertainty_ns is None
+    assert laptop.quality.jitter_ns < MS, "the time of the sleep is no delay"
+    for number in range(1, 10):
+        exchange(laptop, joints, woke_ns + number * BEAT_NS, HOUR_NS + stood_ns, MS)
+    assert laptop.clock is not None
+    assert abs(laptop.clock.offset_ns - HOUR_NS - stood_ns) <= laptop.clock.uncertainty_ns < 2 * MS
+    assert (laptop.steps, round(laptop.step_ns / 1e9)) == (1, 30)
+    record = laptop.other_trail(health, woke_ns + 10 * BEAT_NS)
+    assert record is not None
+    assert abs(record.offset_ns - HOUR_NS - stood_ns) <= record.uncertainty_ns
+
+
+def test_stop_needs_no_round_trip_after_a_sleep_and_is_never_from_the_future() -> None:
+    """Nothing may reach the laptop: then no round trip comes, and its packets come here all the same."""
+    joints, laptop = Beats(), Beats()
+    assert joints.stop_clock(HOUR_NS) is None, "not known before the first round trip"
+    woke_ns = after_sleep(joints, laptop, HOUR_NS, 30_000 * MS)
+    clock = joints.stop_clock(woke_ns + 3 * MS)
+    assert joints.clock is None
+    assert clock is not None
+    left_ns = woke_ns - MS + 30_000 * MS + HOUR_NS  # by the laptop's clock
+    assert clock.local_ns(left_ns) == woke_ns
+    assert clock.local_ns(left_ns - 400 * MS) == woke_ns - 400 * MS
 
 
 def test_a_link_that_was_lost_is_told_when_it_is_back() -> None:

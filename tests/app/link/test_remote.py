@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import socket
+import threading
 import time
 from contextlib import closing
 from pathlib import Path
@@ -12,11 +13,12 @@ import msgspec
 import pytest
 
 from app.demo.two_hosts import free_port
+from app.link import remote as remote_sockets
 from app.link.keys import Peer, add_peer, own_key
 from app.link.port import JointsPort
 from app.link.questions import find, why_silent
 from app.link.remote import RETRY_NS, Remote
-from app.link.wire import VERSION, LinkFault, Welcome, program
+from app.link.wire import VERSION, LinkFault, Welcome, program, split_address
 from app.session.host import make_setup
 from app.system.config import Config, JointsConfig, SessionSetup
 from app.system.errors import AppError
@@ -66,6 +68,83 @@ def test_a_new_connection_has_a_new_socket_for_packets(tmp_path: Path) -> None:
                 assert dict(remote.poller.poll(1000 * int(PATIENCE_S)))
                 assert list(remote.packets()) == [b"back"]
     assert seen[0] != seen[1]
+
+
+def test_an_answer_comes_from_the_address_that_was_asked(tmp_path: Path) -> None:
+    """As with Wi-Fi and cable in one network: the asker's socket is connected and hears no other address."""
+    number = free_port()
+    with (
+        closing(JointsPort(Home(tmp_path), number)) as joints,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as laptop,
+    ):
+        laptop.bind(("127.0.0.1", 0))
+        laptop.connect(("127.0.0.2", number))
+        laptop.settimeout(PATIENCE_S)
+        laptop.send(b"question")
+        joints.wait(1000 * int(PATIENCE_S))
+        ((datagram, where),) = joints.packets()
+        assert (datagram, where.peer) == (b"question", laptop.getsockname())
+        joints.send_packet(b"answer", where)
+        assert laptop.recv(100) == b"answer"
+
+
+def test_lost_packets_look_the_address_up_again_without_blocking(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The exoskeleton's computer got another address, or moved from Wi-Fi to the cable."""
+    asked, answered = threading.Event(), threading.Event()
+    means = ["127.0.0.5"]
+
+    def look_up(host: str) -> tuple[str, int]:
+        if threading.current_thread() is not threading.main_thread():
+            asked.set()
+            assert answered.wait(PATIENCE_S)
+        return means[0], split_address(host)[1]
+
+    monkeypatch.setattr(remote_sockets, "resolve", look_up)
+    with (
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as before,
+        socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as after,
+    ):
+        before.bind(("127.0.0.5", 0))
+        number = before.getsockname()[1]
+        after.bind(("127.0.0.9", number))
+        with closing(Remote(paired_with(Home(tmp_path), f"exo.local:{number}"))) as remote:
+
+            def reaches(there: socket.socket) -> bool:
+                there.settimeout(PATIENCE_S)
+                remote.send_packet(b"stop")
+                return there.recv(100) == b"stop"
+
+            remote.connect(1, silent=True)
+            remote.connect(2)
+            assert reaches(before)
+            assert not asked.is_set(), "it has just been looked up, or packets come"
+            means[0] = "127.0.0.9"
+            remote.connect(3, silent=True)
+            assert asked.wait(PATIENCE_S)
+            assert reaches(before), "STOP leaves during the look-up"
+            remote.connect(4, silent=True)
+            assert reaches(before)
+            answered.set()
+            assert remote._lookup is not None
+            remote._lookup.join(PATIENCE_S)
+            remote.connect(5)
+            assert reaches(after)
+
+
+def test_an_address_that_is_not_known_now_stays(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def unknown(host: str) -> tuple[str, int]:
+        raise AppError(LinkFault.UNKNOWN_HOST, host=host, detail="")
+
+    with closing(Remote(paired_with(Home(tmp_path), "127.0.0.1:7447"))) as remote:
+        remote.connect(1)
+        monkeypatch.setattr(remote_sockets, "resolve", unknown)
+        remote.connect(2, silent=True)
+        assert remote._lookup is not None
+        remote._lookup.join(PATIENCE_S)
+        remote.connect(3)
+        assert remote._packets.getpeername() == ("127.0.0.1", 7447)
 
 
 def test_a_new_connection_without_a_way_there_keeps_its_socket(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
