@@ -11,7 +11,7 @@ from app.cli.common import PORT, HomeOption, print_text, refuse_options
 from app.cli.permission import sign_in
 from app.system.errors import AppError
 from app.system.operators import Permission
-from app.system.paths import Home, find_home
+from app.system.paths import Home, find_home, is_held
 from app.text.catalogue import tr
 from logs.reason import sanitize_terminal
 
@@ -61,6 +61,8 @@ def _show_code(place: Home, port: int) -> None:
         find(f"127.0.0.1:{port}", limit_s=1.0)
     except AppError as error:
         raise AppError(LinkFault.NO_SERVICE, home=place.root, port=port) from error
+    if not is_held(place):  # what answers has another home, and would look for the offer there
+        raise AppError(LinkFault.NO_SERVICE, home=place.root, port=port)
     code, before = pairing.new_code(), peers_of(place)
     pairing.write_offer(place, pairing.Offer(code=code, expires_s=time.time() + pairing.LASTS_S))
     print_text("cli.link.code", code=code, minutes=int(pairing.LASTS_S // 60))

@@ -228,7 +228,6 @@ def joints(
 
     if verbose:
         set_verbose()
-    config = load_config(place.config)
     with hold_home(place):
         start_log(place, "joints")
-        serve_joints(place, config, port, lambda _: print_text("cli.joints.ready", port=port, home=place.root))
+        serve_joints(place, port, lambda _: print_text("cli.joints.ready", port=port, home=place.root))

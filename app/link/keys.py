@@ -101,8 +101,9 @@ def _is_at(peer: Peer, host: str) -> bool:
 
 
 def write_private(path: Path, value: Struct) -> None:
-    """Put a value in the place of an older one, 0600 in a folder of 0700. Raises OSError."""
-    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    """Put a value in the place of an older one, 0600; its folder and the one above are made 0700. Raises OSError."""
+    for folder in (path.parent.parent, path.parent):  # `parents` gives the mode to the last one alone
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
     replace_file(path, msgspec.json.encode(value), Disk())
 
 

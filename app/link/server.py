@@ -22,7 +22,7 @@ from app.link.keys import peers_of
 from app.link.order import Flight
 from app.link.packets import SEALED, PacketSeal, new_packet_key
 from app.link.pairing import PairingDesk
-from app.link.port import JointsPort
+from app.link.port import JointsPort, Where
 from app.link.questions import (
     Answer,
     PairBegin,
@@ -49,13 +49,14 @@ from app.link.wire import (
     Welcome,
     program,
 )
-from app.system.config import Config
+from app.session.shared import held_session
+from app.system.config import Config, load_config
 from app.system.diagnostics_log import get_logger
 from app.system.errors import AppError
 from app.system.paths import Home
 from app.system.scheduling import avoid_control_core, set_scheduling
 from logs.reading.errors import UNDECODABLE, CodedError
-from logs.reason import reason, reason_of
+from logs.reason import Reason, reason, reason_of
 
 _log = get_logger("link")
 
@@ -81,7 +82,7 @@ class Laptop:
         self.flight = Flight()
         self.seal = PacketSeal(connection=connection, key=new_packet_key(), at_joints=True)
         self.beats = Beats()
-        self.where: tuple[str, int] | None = None  # its packets come from there
+        self.where: Where | None = None  # its packets come from there
         self.lacks_snapshot_ns = 0
         self.audit: AuditHealth | None = None  # of its trail
 
@@ -89,9 +90,9 @@ class Laptop:
 class JointsServer:
     """Owns the port and the session."""
 
-    def __init__(self, home: Home, config: Config, port: int, workers: Executor) -> None:
+    def __init__(self, home: Home, port: int, workers: Executor) -> None:
         """workers: start and end sessions, with the usual scheduling. Raises AppError when the port can't be had."""
-        self._home, self._config, self._workers = home, config, workers
+        self._home, self._workers = home, workers
         self._port = JointsPort(home, port)
         self._desk = PairingDesk(home)
         self._decode = msgspec.msgpack.Decoder(FromLaptop)
@@ -199,9 +200,7 @@ class JointsServer:
             check_version("laptop", hello.link, hello.program)
             self._admit(identity, user, hello)
         except (CodedError, OSError) as error:
-            why = (
-                reason_of(error) if isinstance(error, CodedError) else reason(LinkFault.NOT_STARTED, detail=str(error))
-            )
+            why = _refusal(error)
             _log.warning("laptop refused", why=str(error))
             if self._session is not None:
                 self._session.note(LinkNotice.PEER_REFUSED, why=why)
@@ -228,7 +227,7 @@ class JointsServer:
         if session is None:
             if (self._home.logs / f"{request.session}.jsonl").exists():
                 raise AppError(LinkFault.SESSION_OVER, session=request.session)
-            session = self._session = ServedSession.begun(self._home, self._config, request, self._workers)
+            session = self._session = ServedSession.begun(self._home, own_config(self._home), request, self._workers)
             self._foreign = 0  # control counts anew with each session
             self._wait_for_snapshots()
         session.commanded_by(hello.operator)
@@ -275,7 +274,7 @@ class JointsServer:
 
     # --- packets --------------------------------------------------------------------------------------------------
 
-    def _take_packet(self, datagram: bytes, where: tuple[str, int], now_ns: int) -> None:
+    def _take_packet(self, datagram: bytes, where: Where, now_ns: int) -> None:
         laptop = self._laptop
         packet = laptop.seal.open(datagram) if laptop is not None else None
         if packet is not None and laptop is not None:
@@ -291,7 +290,7 @@ class JointsServer:
             return datagram[:1] == bytes([SEALED])
         return self._laptop is not None and self._laptop.seal.is_late(datagram)
 
-    def _heed(self, laptop: Laptop, packet: Packet, where: tuple[str, int], now_ns: int) -> None:
+    def _heed(self, laptop: Laptop, packet: Packet, where: Where, now_ns: int) -> None:
         beats, session = laptop.beats, self._session
         before_ns, steps = beats.newest_ns, beats.steps
         returned = beats.take(packet, now_ns)
@@ -307,11 +306,12 @@ class JointsServer:
             beats.wall_step_ns = 0
         if returned:
             session.hand_return(now_ns - before_ns)
-        if beats.clock is not None:
-            clock = beats.clock.at(now_ns)
+        clock = beats.stop_clock(now_ns)
+        if clock is not None:
             session.take_over_if_due(now_ns)
-            session.hand_stops(packet.stops, clock, now_ns, packet.acknowledged_ns)
-            session.hand_heartbeat(packet.heartbeat_ns, packet.lease, clock)
+            session.hand_stops(packet.stops, clock, now_ns, packet.acknowledged_ns, packet.lease)
+        if beats.clock is not None:
+            session.hand_heartbeat(packet.heartbeat_ns, packet.lease, beats.clock.at(now_ns))
 
     def _send_packet(self, session: ServedSession, laptop: Laptop, now_ns: int) -> None:
         if laptop.where is None or not laptop.beats.due(now_ns):
@@ -319,7 +319,7 @@ class JointsServer:
         packet = laptop.beats.next(now_ns, time.time_ns())
         self._port.send_packet(laptop.seal.seal(msgspec.structs.replace(packet, stops=session.stops)), laptop.where)
 
-    def _answer(self, question: Question, where: tuple[str, int], now_ns: int) -> None:
+    def _answer(self, question: Question, where: Where, now_ns: int) -> None:
         if isinstance(question, Who):
             answer: Answer = here(question, now_ns, time.monotonic_ns())
         else:
@@ -351,15 +351,39 @@ class JointsServer:
         self._port.wait_as_well_for(None if session is None else session.snapshots.socket)
 
 
-def serve_joints(home: Home, config: Config, port: int, watch: Callable[[str], None]) -> None:
-    """Serve until SIGTERM or Ctrl-C. Raises AppError."""
+def own_config(home: Home) -> Config:
+    """As the file is now: this command outlives changes of it. Raises AppError, also where the joints are elsewhere."""
+    config = load_config(home.config)
     if config.joints.host:
         raise AppError(LinkFault.HOST_HAS_HOST, host=config.joints.host)
+    return config
+
+
+def config_at_start(home: Home) -> Config:
+    """The file's; of a session that an earlier process left held, its own: no file keeps it from its laptop.
+
+    Raises AppError.
+    """
+    held = held_session(home)
+    return own_config(home) if held is None else held.config
+
+
+def _refusal(error: CodedError | OSError) -> Reason:
+    """As the laptop is told it, where a file of this computer would be taken for one of its own."""
+    if isinstance(error, CodedError):
+        why = reason_of(error)
+        return why if isinstance(error.code, LinkFault) else reason(LinkFault.NOT_STARTED, detail=why)
+    return reason(LinkFault.NOT_STARTED, detail=str(error))
+
+
+def serve_joints(home: Home, port: int, watch: Callable[[str], None]) -> None:
+    """Serve until SIGTERM or Ctrl-C. Raises AppError."""
+    config = config_at_start(home)
     with ThreadPoolExecutor(1) as workers:
         workers.submit(int).result()  # its thread is there before what the session's processes must not inherit
         set_scheduling("link")
         avoid_control_core(config.control_core)
-        with closing(JointsServer(home, config, port, workers)) as server:
+        with closing(JointsServer(home, port, workers)) as server:
             for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
                 signal.signal(number, lambda *_: server.end())
             server.run(watch)

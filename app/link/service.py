@@ -15,6 +15,8 @@ _SERVICE = """\
 [Unit]
 Description=rleex: joints of the exoskeleton
 After=network.target
+# Started again however often it ends: nobody sits at this computer who would start it by hand.
+StartLimitIntervalSec=0
 
 [Service]
 User={user}
@@ -23,6 +25,8 @@ Restart=always
 RestartSec=1
 # Only this process is asked to end: it brings the legs to rest. If it dies, its session is held, and resumed.
 KillMode=process
+# Lack of memory costs the process that the kernel takes, and what it did; by default it would end the whole session.
+OOMPolicy=continue
 TimeoutStopSec=60
 LimitRTPRIO=80
 LimitMEMLOCK=infinity

@@ -145,6 +145,17 @@ def hold_home(home: Home) -> Iterator[None]:
         os.close(handle)
 
 
+def is_held(home: Home) -> bool:
+    """Whether another process holds the home's lock. Raises AppError where the lock can't be used."""
+    try:
+        with hold_home(home):
+            return False
+    except AppError as error:
+        if error.code is LockFault.HELD:
+            return True
+        raise
+
+
 def _take(handle: int, home: Home) -> None:
     try:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from app.cli import common, main
+from app.demo.two_hosts import free_port, joints_process, wait_for
 from app.link import wire
 from app.link.keys import Peer, add_peer
 from app.system.paths import Home
@@ -50,8 +51,8 @@ def run(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *ar
     ("arguments", "said"),
     [
         (("link", "pair", "exo local"), "no address"),
-        (("link", "pair", "127.0.0.1:9", "--code", "1234-5678"), "Nobody answers at 127.0.0.1:9"),
-        (("link", "pair", "127.0.0.1", "--port", "9", "--code", "1234-5678"), "Nobody answers at 127.0.0.1:9"),
+        (("link", "pair", "127.0.0.1:9", "--code", "1234-5678"), "No answer from 127.0.0.1:9"),
+        (("link", "pair", "127.0.0.1", "--port", "9", "--code", "1234-5678"), "No answer from 127.0.0.1:9"),
         (("link", "pair", "127.0.0.1:9", "--port", "8"), "no use for --port"),
         (("link", "pair", "--code", "1234-5678"), "no use for --code"),
         (("link", "forget", "exo"), "No paired computer is called exo"),
@@ -62,6 +63,20 @@ def test_what_cannot_be_is_told_in_one_sentence(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], arguments: tuple[str, ...], said: str
 ) -> None:
     assert said in refused(monkeypatch, capsys, *arguments)
+
+
+def test_a_code_is_shown_only_where_the_service_looks_for_it(
+    home: Home, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("app.link.pairing.LASTS_S", 0.0)  # nobody is to type it
+    service, port = Home(tmp_path / "service"), free_port()
+    service.root.mkdir()
+    with joints_process(service, port) as process:
+        wait_for(f"127.0.0.1:{port}", lambda: process.poll() is None)
+        pairing = ("link", "pair", "--port", str(port))
+        said = refused(monkeypatch, capsys, *pairing)
+        assert "The code is used up" in refused(monkeypatch, capsys, *pairing, "--home", str(service.root))
+    assert f"`rleex joints` with the home {home.root} does not answer on port {port}" in said
 
 
 @pytest.mark.usefixtures("home")
@@ -106,5 +121,6 @@ def test_the_service_file_names_program_home_and_port(
 ) -> None:
     text = run(monkeypatch, capsys, "joints", "--print-service", "--port", "7500")
     assert f"joints --home {home.root} --port 7500" in text
-    assert "Restart=always" in text
-    assert "KillMode=process" in text
+    unit, service = (part.splitlines() for part in text.split("[Install]")[0].split("[Service]"))
+    assert "StartLimitIntervalSec=0" in unit, "else five quick ends in 10 s are the last"
+    assert {"Restart=always", "KillMode=process", "OOMPolicy=continue"} <= set(service)

@@ -206,7 +206,7 @@ def test_keys_are_readable_by_their_owner_alone(laptop: Home, joints: Joints) ->
     joints.offer()
     pair(laptop, joints.host, CODE, time.time())
     for home in (laptop, joints.home):
-        assert home.link_keys.stat().st_mode & 0o077 == 0
+        assert [folder.stat().st_mode & 0o077 for folder in (home.keys, home.link_keys)] == [0, 0]
         assert all(path.stat().st_mode & 0o077 == 0 for path in home.link_keys.iterdir())
 
 

@@ -16,15 +16,17 @@ import pytest
 
 from app.demo.two_hosts import free_port
 from app.link.packets import PacketSeal, new_packet_key
-from app.link.server import JointsServer
-from app.link.wire import VERSION, Hello, Packet, SessionRequest, ToJoints, program
+from app.link.port import Where
+from app.link.server import JointsServer, config_at_start
+from app.link.wire import VERSION, Hello, Packet, SessionRequest, StopMark, ToJoints, program
 from app.session.host import make_setup
 from app.session.shared import share
 from app.system.config import Config
+from app.system.errors import AppError
 from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT
 
-WHERE = ("127.0.0.1", 9)
+WHERE = Where(("127.0.0.1", 9), bytes(4))
 FRAME = msgspec.msgpack.encode(ToJoints(number=1, acknowledged=0))
 
 
@@ -40,7 +42,7 @@ def server(tmp_path: Path) -> Iterator[JointsServer]:
     """It has found a session of an earlier process."""
     setup = make_setup(Home(tmp_path), Config(), DEMO_PATIENT, None, permission=None)
     share(msgspec.structs.replace(setup, operator="ann", linked=True, host_pid=os.getpid()))
-    with closing(JointsServer(Home(tmp_path), Config(), free_port(), NoWorkers())) as resumed:
+    with closing(JointsServer(Home(tmp_path), free_port(), NoWorkers())) as resumed:
         assert resumed._session is not None
         yield resumed
         resumed._session.leave()
@@ -89,6 +91,18 @@ def test_what_the_laptop_sent_to_the_process_before_is_not_foreign(server: Joint
     assert foreign(server) == 2
 
 
+def test_a_held_session_is_resumed_whatever_the_file_says_meanwhile(server: JointsServer, tmp_path: Path) -> None:
+    Home(tmp_path).config.write_text('unattended_s = "soon"', encoding="utf-8")
+    assert config_at_start(Home(tmp_path)) == Config()
+    ask_for(server, server._session.name if server._session else "")
+    assert server._laptop is not None
+    empty = Home(tmp_path / "without a session")
+    empty.root.mkdir()
+    empty.config.write_text('unattended_s = "soon"', encoding="utf-8")
+    with pytest.raises(AppError, match="UNREADABLE"):
+        config_at_start(empty)
+
+
 def test_what_no_laptop_seals_is_foreign_in_a_resumed_session_too(server: JointsServer) -> None:
     for datagram in (b"", b"\0 nothing of ours"):
         server._take_packet(datagram, WHERE, time.monotonic_ns())
@@ -113,3 +127,25 @@ def test_a_laptop_that_asks_for_its_next_session_knows_of_the_last_ones_end(serv
     assert foreign(server) == 0
     last._host.leave()
     shutil.rmtree(server._session._host.setup.links.path)
+
+
+def test_after_this_computer_slept_a_stop_is_handed_on_without_a_round_trip(server: JointsServer) -> None:
+    seal, now_ns, ms = greet(server), time.monotonic_ns(), 1_000_000
+    session = server._session
+    assert session is not None
+    session._lease = 1  # as control's snapshot tells it
+    whole = Packet(number=1, sent_ns=8 * ms, echo_sent_ns=now_ns - 10 * ms, echo_received_ns=5 * ms, lease=1)
+    server._take_packet(seal.seal(whole), WHERE, now_ns)
+    stop = StopMark(1, 7, 40_000 * ms)
+    slept = Packet(
+        number=2,
+        sent_ns=40_005 * ms,
+        echo_sent_ns=now_ns,
+        echo_received_ns=18 * ms,
+        stops=(stop,),
+        heartbeat_ns=40_005 * ms,
+        lease=1,
+    )
+    server._take_packet(seal.seal(slept), WHERE, now_ns + 20 * ms)
+    assert stop in session._handed.values()
+    assert session._heartbeat_ns == 0, "nothing that holds a motion up counts"

@@ -31,6 +31,7 @@ from app.session.host import make_setup
 from app.system.config import Config, JointsConfig, SessionSetup
 from app.system.errors import AppError
 from app.system.paths import Home
+from app.text.catalogue import render
 from logs.reason import key_of
 from profiles.schema import DEMO_PATIENT
 
@@ -59,7 +60,7 @@ class Joints:
     def __init__(self, home: Home) -> None:
         self.home, self.port = home, free_port()
         self.host = f"127.0.0.1:{self.port}"
-        self.server = JointsServer(home, Config(), self.port, OnlyEnds())
+        self.server = JointsServer(home, self.port, OnlyEnds())
 
     def ask(self, question: PairBegin | PairConfirm) -> Answer:
         asking = Asking(self.host)
@@ -225,6 +226,30 @@ def test_a_session_that_can_not_be_begun_is_refused(
     assert isinstance(refused, Refused)
     assert refused.reason.code == key_of(LinkFault.NOT_STARTED)
     assert joints.lives()
+
+
+def test_each_session_begins_with_the_configuration_as_the_file_is_then(joints: Joints, tmp_path: Path) -> None:
+    """The service runs for months; a stop button that was added since must count."""
+    setup = paired(joints, Home(tmp_path / "laptop"))
+    for broken in ('unattended_s = "soon"', f'[joints]\nhost = "{joints.host}"'):
+        joints.home.config.write_text(broken, encoding="utf-8")
+        assert isinstance(greeted(setup), Refused)
+    joints.home.config.write_text(
+        'unattended_s = 20.0\n[[inputs]]\nname = "pendant"\nrole = "wearer"\nkind = "simulated"\n', encoding="utf-8"
+    )
+    assert isinstance(greeted(setup), Welcome)
+    assert joints.server._session is not None
+    config = joints.server._session._host.setup.config
+    assert (config.unattended_s, [one.name for one in config.inputs]) == (20.0, ["pendant"])
+
+
+def test_a_laptop_is_told_whose_file_is_broken(joints: Joints, tmp_path: Path) -> None:
+    setup = paired(joints, Home(tmp_path / "laptop"))
+    joints.home.config.write_text('unattended_s = "soon"', encoding="utf-8")
+    refused = greeted(setup)
+    assert isinstance(refused, Refused)
+    assert refused.reason.code == key_of(LinkFault.NOT_STARTED)
+    assert render(refused.reason).startswith("The exoskeleton's computer could not start the session: The config")
 
 
 def test_foreign_peers_from_before_a_session_are_none_of_its(
