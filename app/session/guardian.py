@@ -24,7 +24,7 @@ from app.system.diagnostics_log import get_logger
 from app.system.legs_lock import share_legs
 from app.system.scheduling import avoid_control_core, gc_freeze, set_scheduling
 from hal.errors import HardwareError
-from hal.joints.protocol import Joint
+from hal.joints.protocol import LEFT_ON_DAMPING_S, Joint
 from logs.reason import reason, reason_of
 from logs.records import HeartbeatLost, Note, ProcessEnd, ProcessStart
 
@@ -38,6 +38,7 @@ ENDING_DAMP_NS = 500 * NS_PER_MS
 LATE_CHECK_NS = 12 * NS_PER_MS
 MISSED_CHECKS = 2
 OFF_NS = 300 * NS_PER_MS
+NAMING_NS = 1_200 * NS_PER_MS  # at most, of switching off: with the damping before, less than `END_PATIENCE_S`
 # 25 checks read 6,400 frames a bus: more replies to control than a socket keeps waiting. 25 more ask every drive again.
 # Of checks that come late, on a busy machine, as many are needed: what is still waiting is no answer.
 BACKLOG_NS, BACKLOG_CHECKS = 100 * NS_PER_MS, 25
@@ -50,7 +51,11 @@ class GuardianAction(Enum):
 
     MONITOR = "monitor"
     DAMP = "damp"
+    DAMP_LEFT_ON = "damp left on"  # what has not confirmed that it is off
     SWITCH_OFF = "switch off"
+
+
+_DAMPING_NS = {GuardianAction.DAMP: DAMP_NS, GuardianAction.DAMP_LEFT_ON: round(LEFT_ON_DAMPING_S * 1e9)}
 
 
 class GuardianNotice(Enum):
@@ -83,8 +88,8 @@ def check_heartbeat(
     It monitors again after control reports, from then on, that the drives are unpowered. It acts on the second check
     in a row that finds the heartbeat stale. A check that was itself late knows nothing of the last moments, in which
     control may have stood still with it: it evaluates the time of the check before.
-    Where control has ended and a drive has not confirmed that it is off, it is switched off once more. It is not damped
-    before, which control has done: some drives are powered by that.
+    Where control has ended and a drive has not confirmed that it is off, it is switched off once more. It may have been
+    out of reach of control's damping, so it is damped before, unless any set-point would power it.
     ending: the session is being closed, and the wearer is not left in damped joints for long.
     """
     if heartbeat is not None and state.heartbeat is not None and heartbeat.at_ns < state.heartbeat.at_ns:
@@ -94,12 +99,13 @@ def check_heartbeat(
     missed = state.missed + (evaluated_ns > state.evaluated_ns) if _lost(newest, evaluated_ns) else 0
     state = replace(state, heartbeat=newest, checked_ns=now_ns, evaluated_ns=evaluated_ns, missed=missed)
     since_ns = now_ns - state.since_ns
-    if state.action is GuardianAction.DAMP and since_ns > (ENDING_DAMP_NS if ending else DAMP_NS):
+    damping_ns = _DAMPING_NS.get(state.action)
+    if damping_ns is not None and since_ns > (min(damping_ns, ENDING_DAMP_NS) if ending else damping_ns):
         return replace(state, action=GuardianAction.SWITCH_OFF, since_ns=now_ns)
     if state.action is GuardianAction.MONITOR and missed >= MISSED_CHECKS:
         return replace(state, action=GuardianAction.DAMP, since_ns=now_ns)
     if state.action is GuardianAction.MONITOR and heartbeat is not None and heartbeat.unconfirmed:
-        return replace(state, action=GuardianAction.SWITCH_OFF, since_ns=now_ns)
+        return replace(state, action=GuardianAction.DAMP_LEFT_ON, since_ns=now_ns)
     if state.action is GuardianAction.SWITCH_OFF and since_ns > OFF_NS and _unpowered(heartbeat):
         return replace(state, action=GuardianAction.MONITOR)
     return state
@@ -159,7 +165,7 @@ class Guardian:
     def check(self, now_ns: int) -> None:
         """One check, and what follows from it."""
         self._open(now_ns)
-        before, was_powered = self._state.action, self._powered
+        before, was_powered, unanswered = self._state.action, self._powered, self._unanswered
         heartbeat, last = self._heartbeats.receive(), self._state.heartbeat
         self._state = check_heartbeat(self._state, heartbeat, now_ns, ending=self._ended())
         self._stale = self._stale or (was_powered and not self._powered)
@@ -171,8 +177,8 @@ class Guardian:
             self._record_loss(now_ns)
         # at once when it acts, and to a control that comes back: it must not grip what it was not holding any more
         absent_ns = heartbeat.at_ns - last.at_ns if heartbeat is not None and last is not None and last.enabled else 0
-        returned = absent_ns >= streams.ABSENT_NS
-        if returned or now_ns - self._health_ns >= streams.GUARDIAN.period_ns or self._state.action is not before:
+        news = absent_ns >= streams.ABSENT_NS or self._state.action is not before or self._unanswered != unanswered
+        if news or now_ns - self._health_ns >= streams.GUARDIAN.period_ns:
             self._health_ns = now_ns
             acted = self._state.action is not GuardianAction.MONITOR
             self._foreign_peers += self._heartbeats.foreign_peers() + self._health.foreign_peers()
@@ -192,12 +198,13 @@ class Guardian:
         self._ending = True
 
     def done(self, now_ns: int) -> bool:
-        """Whether nothing is left to guard."""
+        """Whether nothing is left to guard, and who does not answer has been named, where its checks allow it."""
         heartbeat, action = self._state.heartbeat, self._state.action
-        if self._stop is not None and action is GuardianAction.DAMP:
+        if self._stop is not None and action in _DAMPING_NS:
             return False
         if self._stop is not None and action is GuardianAction.SWITCH_OFF:
-            return self._ended() and now_ns - self._state.since_ns > OFF_NS
+            least_ns = OFF_NS if self._unanswered[0] is action else NAMING_NS
+            return self._ended() and now_ns - self._state.since_ns > least_ns
         if heartbeat is not None and heartbeat.last:
             return True
         monitoring = action is GuardianAction.MONITOR
@@ -221,6 +228,8 @@ class Guardian:
             return
         if self._state.action is GuardianAction.DAMP:
             self._stop.damp()
+        elif self._state.action is GuardianAction.DAMP_LEFT_ON:
+            self._stop.damp_left_on()
         elif self._state.action is GuardianAction.SWITCH_OFF:
             self._stop.exit()
 

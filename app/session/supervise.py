@@ -35,11 +35,11 @@ from logs.records import ProcessEnd
 
 _log = get_logger("session")
 
-# Control holds (0.15 s), damps (3 s if nobody is there) and disables; then the others have nothing left to send.
+# Control holds (0.15 s), damps (3 s if nobody is there) and disables, again where a drive does not confirm that.
 # Audit gives up by itself (`app.audit.process.GIVE_UP_S`); killed on a slow disk it would tear the trail.
 END_PATIENCE_S = {
     "audit": 60.0,
-    "control": 6.0,
+    "control": 7.0,
     "link": 20.0,  # the other computer ends control, and its own trail
     "perception": 2.0,
     "planner": 2.0,

@@ -22,6 +22,7 @@ JointArray = NDArray[np.float64]  # (4,), in the order of Joint
 TICK_HZ = 500  # control's rate: limits per tick, the bus's load and the simulation's step follow from it
 TICK_S = 1 / TICK_HZ
 TICK_NS = 1_000_000_000 // TICK_HZ
+LEFT_ON_DAMPING_S = 0.3  # of drives that may be stiff, before their torque goes: as long as control's ramp to damping
 
 
 class DriveState(Enum):

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import os
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -18,7 +18,7 @@ import numpy as np
 import pytest
 
 from hal.joints.can.bus import with_bus
-from hal.joints.codecs.wire import Frame
+from hal.joints.codecs.wire import Frame, Order, SetPoint, Transmission
 from hal.joints.device import Exoskeleton, JointDevice, load_exoskeleton
 from hal.joints.emulator.emulator import DriveEmulator
 from hal.joints.emulator.firmware import EmulatedDrive
@@ -100,6 +100,28 @@ def answer_with_power_alone(monkeypatch: pytest.MonkeyPatch, drive: EmulatedDriv
         return replies if powered or drive.motor_mode else []
 
     monkeypatch.setattr(drive, "receive", answer)
+
+
+def listening(monkeypatch: pytest.MonkeyPatch, drive: EmulatedDrive) -> list[SetPoint | Order | None]:
+    """What a drive is told from now on, as at its joint."""
+    receive, told = drive.receive, list[SetPoint | Order | None]()
+
+    def receive_and_note(frame: Frame, now_ns: int) -> list[Frame]:
+        asked = drive._codec.read_command(drive.device.can_id, frame)
+        told.append(Transmission.of(drive.device).to_joint(asked) if isinstance(asked, SetPoint) else asked)
+        return receive(frame, now_ns)
+
+    monkeypatch.setattr(drive, "receive", receive_and_note)
+    return told
+
+
+def assert_damping(drive: EmulatedDrive, told: Sequence[SetPoint | Order | None]) -> None:
+    """Nothing but set-points of the device's damping, without stiffness."""
+    for target in told:
+        assert isinstance(target, SetPoint)
+        assert (target.stiffness_nm_rad, target.damping_nm_s_rad) == pytest.approx(
+            (0.0, drive.device.damp_nm_s_rad), abs=0.05
+        )
 
 
 @dataclass

@@ -67,7 +67,7 @@ class SocketCanJoints:
         try:
             self._open_ports(now_ns)
             if self._damp_first and self._state is DriveState.UNCONFIGURED:  # later they have been off
-                lifecycle.damp_left_on(self)
+                lifecycle.damp_left_on(self, self.drives)
             lifecycle.probe(self)
             self._unasked = frozenset(joint for joint in Joint if joint not in self.questions)
         except HardwareError:
@@ -130,7 +130,8 @@ class SocketCanJoints:
                 self._open_ports(now_ns)
             if self._state in _POWERED:
                 self.unconfirmed = lifecycle.disable(self)
-            elif self.unconfirmed:  # those alone: damping would power a V3 drive that is off
+            elif self.unconfirmed:  # those alone: one that was out of reach may still be stiff
+                lifecycle.damp_left_on(self, self.unconfirmed)
                 self.unconfirmed = lifecycle.confirm_off(self, self.unconfirmed)
         finally:
             self._release()

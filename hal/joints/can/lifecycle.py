@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
 from hal.errors import DrivesFault, HardwareError
@@ -12,14 +12,13 @@ from hal.joints.can.drive import Drive
 from hal.joints.codecs import damiao, mit
 from hal.joints.codecs.wire import NEUTRAL, Order, SetPoint, WireQuantity
 from hal.joints.motors import ReplyLayout, WireProtocol
-from hal.joints.protocol import DriveFault, DriveState
+from hal.joints.protocol import LEFT_ON_DAMPING_S, DriveFault, DriveState
 
 if TYPE_CHECKING:
     from hal.joints.can.driver import SocketCanJoints
 
 _REPLY_TIMEOUT_S = 0.15  # a drive answers within a millisecond; a busy host needs the rest
 ATTEMPTS = 3
-_LEFT_ON_DAMPING_S = 0.3  # as long as control's ramp to damping
 # Drives with a watchdog of their own go limp without commands, the mini-cheetah's after 25 ms. More often, and their
 # replies would vote on the ranges: at this rate too coarse for it (`reply_checks`).
 _LEFT_ON_PERIOD_S = 0.02
@@ -27,15 +26,15 @@ _LEFT_ON_PERIOD_S = 0.02
 Request = Callable[["SocketCanJoints", Drive], bool]  # whether the bus took it
 
 
-def damp_left_on(joints: SocketCanJoints) -> None:
-    """Damp what a dead session may have left stiff: the probe takes the torque off.
+def damp_left_on(joints: SocketCanJoints, drives: Iterable[Drive]) -> None:
+    """Damp those of these drives that a dead session or an unconfirmed end may have left stiff, before torque off.
 
     Not drives that any set-point would power. Others that are off stay off, and need not answer; but what one answers
-    is waited for: held up, it would look like the answer to the probe's first questions.
+    is waited for: held up, it would look like the answer to the next question.
     """
-    drives = [drive for drive in joints.drives if not drive.codec.traits.enabled_by_command]
+    drives = [drive for drive in drives if not drive.codec.traits.enabled_by_command]
     before = {drive.joint: drive.replies for drive in drives}
-    times = round(_LEFT_ON_DAMPING_S / _LEFT_ON_PERIOD_S) if drives else 0
+    times = round(LEFT_ON_DAMPING_S / _LEFT_ON_PERIOD_S) if drives else 0
     for _ in range(times):
         for drive in drives:
             _damp(joints, drive)

@@ -22,8 +22,10 @@ from tests.support.can_rig import (
     CanRig,
     MakeRig,
     answer_with_power_alone,
+    assert_damping,
     command,
     each_joint,
+    listening,
     on_test_bus,
     small_gear,
     until,
@@ -428,6 +430,35 @@ def test_a_drive_that_did_not_confirm_its_end_is_asked_again_by_the_next_closing
     rig.joints.close(rig.now_ns())
     assert not any(drive.motor_mode for drive in rig.emulator.drives)
     rig.joints.close(rig.now_ns())
+
+
+@pytest.mark.parametrize(
+    "device",
+    [
+        lambda: with_motor("AK80-64/V2"),
+        lambda: with_motor("DM10010/default"),
+        lambda: small_gear("CyberGear/manual"),
+    ],
+)
+def test_a_drive_that_stayed_stiff_out_of_reach_is_damped_before_the_next_closing_takes_its_torque(
+    make_rig: MakeRig, monkeypatch: pytest.MonkeyPatch, device: Callable[[], Exoskeleton]
+) -> None:
+    rig = make_rig(device())
+    start(rig)
+    knee = rig.emulator.drives[KNEE]
+    rig.until(lambda _: knee.effective(rig.now_ns()).stiffness_nm_rad > 10.0, HOLD)
+    rig.emulator.inject(Fault.SILENT, KNEE)
+    with refused(DrivesFault.NOT_CONFIRMED_OFF, joints=(KNEE,)):
+        rig.joints.close(rig.now_ns())
+    assert knee.effective(rig.now_ns()).stiffness_nm_rad > 10.0
+    rig.emulator.inject(Fault.HEALED, KNEE)
+    told = [listening(monkeypatch, drive) for drive in rig.emulator.drives]
+    rig.joints.close(rig.now_ns())
+    damping = told[KNEE][: told[KNEE].index(Order.DISABLE)]
+    assert len(damping) == 15, "each 20 ms for 0.3 s"
+    assert_damping(knee, damping)
+    assert not knee.motor_mode
+    assert not any(asked for joint, asked in zip(Joint, told, strict=True) if joint is not KNEE), "they are off"
 
 
 @pytest.mark.parametrize("motor", ["AK80-64/V2", "AK80-64/V3"])

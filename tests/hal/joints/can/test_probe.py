@@ -9,12 +9,21 @@ import pytest
 
 from hal.errors import DrivesFault
 from hal.joints.codecs import damiao
-from hal.joints.codecs.wire import Frame, Order, SetPoint, Transmission, WireQuantity
+from hal.joints.codecs.wire import Frame, Order, SetPoint, WireQuantity
 from hal.joints.device import Exoskeleton
 from hal.joints.emulator.firmware import EmulatedDrive, Fault
 from hal.joints.factory import make_joints
 from hal.joints.protocol import BusFault, DriveState, Joint
-from tests.support.can_rig import CanRig, MakeRig, answer_with_power_alone, command, small_gear, with_motor
+from tests.support.can_rig import (
+    CanRig,
+    MakeRig,
+    answer_with_power_alone,
+    assert_damping,
+    command,
+    listening,
+    small_gear,
+    with_motor,
+)
 from tests.support.errors import refused
 
 KNEE = Joint.LEFT_KNEE
@@ -143,19 +152,6 @@ def of_a_session(rig: CanRig) -> CanRig:
     return CanRig(make_joints("can", rig.emulator.device), rig.emulator)
 
 
-def listening(monkeypatch: pytest.MonkeyPatch, drive: EmulatedDrive) -> list[SetPoint | Order | None]:
-    """What a drive is told from now on, as at its joint."""
-    receive, told = drive.receive, list[SetPoint | Order | None]()
-
-    def receive_and_note(frame: Frame, now_ns: int) -> list[Frame]:
-        asked = drive._codec.read_command(drive.device.can_id, frame)
-        told.append(Transmission.of(drive.device).to_joint(asked) if isinstance(asked, SetPoint) else asked)
-        return receive(frame, now_ns)
-
-    monkeypatch.setattr(drive, "receive", receive_and_note)
-    return told
-
-
 @pytest.mark.parametrize(
     "device",
     [
@@ -175,11 +171,7 @@ def test_drives_that_a_dead_session_left_stiff_are_damped_before_their_torque_go
     for drive, asked in zip(rig.emulator.drives, told, strict=True):
         damped = asked[: asked.index(Order.DISABLE)]
         assert len(damped) == 15, "each 20 ms for 0.3 s"
-        for target in damped:
-            assert isinstance(target, SetPoint)
-            assert (target.stiffness_nm_rad, target.damping_nm_s_rad) == pytest.approx(
-                (0.0, drive.device.damp_nm_s_rad), abs=0.05
-            )
+        assert_damping(drive, damped)
         assert not drive.motor_mode
     rig.joints.close(rig.now_ns())
     for asked in told:
