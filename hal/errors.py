@@ -108,6 +108,7 @@ class CanFault(Enum):
     INTERFACE_DOWN = auto()
     NOT_OPENED = auto()
     NOT_OPENED_COMMAND = auto()
+    NOT_SHARED = auto()
     SEND_FAILED = auto()
     RECEIVE_FAILED = auto()
     NOT_A_CAN_FRAME = auto()

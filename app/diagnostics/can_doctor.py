@@ -19,7 +19,7 @@ from hal.errors import HardwareError
 from hal.joints.can.bus import open_bus, remedy_command
 from hal.joints.can.scan import FoundDrive, listen, scan
 from hal.joints.codecs import CODECS
-from hal.joints.device import BusDevice, Exoskeleton
+from hal.joints.device import SHARING_INTERFACES, UNSHARED_INTERFACES, BusDevice, Exoskeleton
 from hal.joints.motors import load_motors
 from hal.joints.protocol import Joint
 from logs.reason import reason, reason_of
@@ -33,6 +33,7 @@ class CanFinding(Enum):
     NO_INTERFACE = "no interface"
     DOWN = "down"
     VIRTUAL = "virtual"
+    NOT_SHARED = "not shared"
     SHORT_QUEUE = "short queue"
     WRONG_BITRATE = "wrong bit rate"
     BUS_OFF = "bus off"
@@ -65,6 +66,7 @@ class CanRemedy(Enum):
     CORRECT_MOTOR = "correct the motor"
     CORRECT_MOTOR_TABLE = "correct the motor table"
     CHECK_DRIVE = "check the drive"
+    USE_SOCKETCAN = "use SocketCAN"
 
 
 F, R = CanFinding, CanRemedy
@@ -79,6 +81,9 @@ def examine(device: Exoskeleton, motors: Path | None, *, ask: bool = True) -> It
             yield from evaluate_link(link, bus)
             if not link or not is_up(link):
                 continue
+        if bus.interface not in SHARING_INTERFACES:
+            grade = bad if bus.interface in UNSHARED_INTERFACES else note
+            yield grade(subject, reason(F.NOT_SHARED, interface=bus.interface), reason(R.USE_SOCKETCAN))
         try:
             opened = open_bus(bus)
         except HardwareError as error:

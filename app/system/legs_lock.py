@@ -11,15 +11,13 @@ import os
 from collections.abc import Iterable
 from contextlib import closing, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from app.system.config import SessionSetup, load_device
 from app.system.errors import AppError
 from app.system.files import open_lock
 from app.system.paths import Home, LockFault
-
-if TYPE_CHECKING:
-    from hal.joints.device import Exoskeleton
+from hal.errors import CanFault, HardwareError
+from hal.joints.device import UNSHARED_INTERFACES, Exoskeleton
 
 # Drives are the same to every user and every home of a host. Each folder that can be written to: not every user may
 # write to the first.
@@ -70,7 +68,10 @@ class LegsLock:
 
 
 def claim_legs(setup: SessionSetup) -> LegsLock:
-    """For the host of a new session. Raises AppError while anybody of another one may still command or damp."""
+    """For the host of a new session. Raises AppError while anybody of another one may still command or damp.
+
+    Raises HardwareError for a bus that a session's programs can't share.
+    """
     return _claim(Home(setup.home), lock_paths(setup))
 
 
@@ -107,7 +108,11 @@ def lock_paths(setup: SessionSetup) -> tuple[Path, ...]:
         return at_home
     from hal.joints.can.bus import with_bus  # brings python-can: not before the console's first paint
 
-    return (*at_home, *_bus_locks(with_bus(load_device(joints), joints.interface, joints.channel)))
+    device = with_bus(load_device(joints), joints.interface, joints.channel)
+    for bus in device.buses:
+        if bus.interface in UNSHARED_INTERFACES:
+            raise HardwareError(CanFault.NOT_SHARED, bus=bus.channel, interface=bus.interface)
+    return (*at_home, *_bus_locks(device))
 
 
 def _bus_locks(device: Exoskeleton) -> tuple[Path, ...]:

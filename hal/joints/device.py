@@ -74,6 +74,9 @@ class JointDevice(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
 
 EMULATED_INTERFACES = ("local", "udp_multicast", "virtual")  # no real drive can hang on these
+SHARING_INTERFACES = ("socketcan", *EMULATED_INTERFACES)  # each program that opens the bus receives every frame
+# python-can reads these from a terminal device: a byte that one program has read no other one receives.
+UNSHARED_INTERFACES = ("slcan", "serial", "robotell", "seeedstudio")
 
 
 class BusDevice(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -30,6 +30,11 @@ CAN_ERR_BUSOFF = 0x040
 CAN_ERR_BUSERROR = 0x080
 CAN_ERR_RESTARTED = 0x100
 
+# Interfaces of python-can let these out too: for a line that was cut (slcan), for a channel of another interface's kind
+# (pcan: KeyError, gs_usb: AttributeError), and where their driver is missing (kvaser: NameError).
+RECEIVE_ERRORS = (can.CanError, OSError, ValueError, TypeError, LookupError)
+_OPEN_ERRORS = (*RECEIVE_ERRORS, ImportError, NameError, AttributeError)
+
 IFF_UP = 1  # linux/if.h
 _GONE = frozenset({errno.ENETDOWN, errno.ENODEV, errno.ENXIO, errno.EBADF, errno.ENETUNREACH})
 
@@ -116,7 +121,7 @@ def open_bus(bus: BusDevice) -> can.BusABC:
         if bus.interface == "local":
             return LocalBus(channel)
         return can.Bus(interface=bus.interface, channel=channel, bitrate=bus.bitrate, **options)
-    except (can.CanError, OSError, ValueError, TypeError, ImportError) as error:
+    except _OPEN_ERRORS as error:
         values = {"bus": bus.channel, "interface": bus.interface, "detail": str(error)}
         if command := remedy_command(bus, exists=True):
             raise HardwareError(CanFault.NOT_OPENED_COMMAND, **values, command=command) from error
@@ -155,7 +160,6 @@ def bus_load(bits_a_tick: Iterable[int], *, bitrate: int) -> float:
 
 
 _DRAIN_LIMIT = 64  # frames a tick: a flood must not cost the tick
-_RECEIVE_ERRORS = (can.CanError, OSError, ValueError, TypeError)  # python-can raises these for broken input
 
 
 class BusReport(NamedTuple):
@@ -263,7 +267,7 @@ class BusPort:
             return None if message is None else self._data_frames([(message, message.timestamp)])
         try:
             came = self._local.receive_frames(timeout_s)
-        except _RECEIVE_ERRORS as error:
+        except RECEIVE_ERRORS as error:
             self._report_receiving(error)
             return None
         return None if came is None else self._data_frames(came)
@@ -286,13 +290,13 @@ class BusPort:
         """The next message of whatever kind, waited for; for listeners that send nothing."""
         try:
             return self._bus.recv(timeout_s)
-        except _RECEIVE_ERRORS as error:
+        except RECEIVE_ERRORS as error:
             self._report_receiving(error)
             return None
 
     def _report_receiving(self, error: Exception) -> None:
         broken = error.__cause__ is not None and not isinstance(error.__cause__, OSError)
-        if broken or isinstance(error, ValueError | TypeError):
+        if broken or isinstance(error, ValueError | TypeError | LookupError):
             self.report(BusFault.MALFORMED, CanFault.NOT_A_CAN_FRAME, detail=str(error))
         else:
             self.report(BusFault.INTERFACE_GONE, CanFault.RECEIVE_FAILED, detail=str(error))

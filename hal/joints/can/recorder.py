@@ -13,7 +13,7 @@ from pathlib import Path
 import can
 
 from hal.errors import CanFault, HardwareError
-from hal.joints.can.bus import open_bus
+from hal.joints.can.bus import RECEIVE_ERRORS, open_bus
 from hal.joints.can.candump import ERROR_FLAG, file_channel
 from hal.joints.device import Exoskeleton
 from logs.reading.errors import cause_of
@@ -85,7 +85,7 @@ class BusRecorder:
         for _ in range(_BATCH):
             try:
                 message = bus.recv(0)
-            except (can.CanError, OSError, ValueError, TypeError):
+            except RECEIVE_ERRORS:
                 return  # an interface that is gone may come back; control reports it meanwhile
             if message is None:
                 return

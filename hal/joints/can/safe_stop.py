@@ -13,7 +13,7 @@ from pathlib import Path
 import can
 
 from hal.errors import HardwareError
-from hal.joints.can.bus import frame_of, message_of, open_bus
+from hal.joints.can.bus import RECEIVE_ERRORS, frame_of, message_of, open_bus
 from hal.joints.can.drive import Drive, Router
 from hal.joints.codecs import codec_of
 from hal.joints.codecs.wire import Frame, Order, SetPoint, Transmission
@@ -23,7 +23,7 @@ from hal.joints.protocol import Joint
 
 
 class SafeStop:
-    """Puts all four drives to damping, or off. `damp` and `exit` return whether all was sent; neither raises."""
+    """Puts all four drives to damping, or off. What sends returns whether all was sent, and never raises."""
 
     def __init__(self, device: Exoskeleton, motors: Path | None = None) -> None:
         table = load_motors(motors)
@@ -32,6 +32,10 @@ class SafeStop:
         pairs = list(zip(device.joints, models, strict=True))
         self._damp = [(joint.can_bus, [_damping(joint, model)]) for joint, model in pairs]
         self._exit = [(joint.can_bus, _off(joint, model)) for joint, model in pairs]
+        self._damp_left_on = [
+            off if codec_of(model).traits.enabled_by_command else damping
+            for model, damping, off in zip(models, self._damp, self._exit, strict=True)
+        ]
         self._buses: dict[int, can.BusABC] = {}
         self._failed: set[int] = set()  # buses that could not be sent to, or read
         drives = [Drive(joint, part, model) for joint, (part, model) in zip(Joint, pairs, strict=True)]
@@ -70,6 +74,10 @@ class SafeStop:
     def damp(self) -> bool:
         """Command pure damping; repeat it while control stays away, for drives that go limp on a timeout."""
         return self._send(self._damp)
+
+    def damp_left_on(self) -> bool:
+        """Damp drives that may be stiff or off; take the torque off those that any set-point would power."""
+        return self._send(self._damp_left_on)
 
     def exit(self) -> bool:
         """Take the torque off."""
@@ -110,7 +118,7 @@ class SafeStop:
         for _ in range(most):
             try:
                 message = self._buses[number].recv(0)
-            except (can.CanError, OSError):
+            except RECEIVE_ERRORS:
                 self._failed.add(number)
                 return
             if message is None:

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import can
 
 from hal.errors import CanFault, HardwareError
-from hal.joints.can.bus import BusPort, frame_of, message_of, open_bus
+from hal.joints.can.bus import RECEIVE_ERRORS, BusPort, frame_of, message_of, open_bus
 from hal.joints.can.candump import BusDecoder, Decoded, FrameKind
 from hal.joints.can.drive import drives_of
 from hal.joints.codecs import cybergear, damiao
@@ -149,7 +149,7 @@ def _received(bus: can.BusABC, seconds: float) -> Iterable[can.Message]:
     while (left_s := end_s - time.monotonic()) > 0:
         try:
             message = bus.recv(left_s)
-        except (can.CanError, OSError) as error:
+        except RECEIVE_ERRORS as error:
             raise HardwareError(CanFault.RECEIVE_FAILED, bus=bus.channel_info, detail=str(error)) from error
         if message is not None:
             yield message

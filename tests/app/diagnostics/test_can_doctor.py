@@ -134,6 +134,13 @@ def test_drives_that_upload_by_themselves_share_no_id() -> None:
     assert key_of(F.SHARED_ID) not in codes
 
 
+@pytest.mark.parametrize(("interface", "grade"), [("slcan", Grade.BAD), ("gs_usb", Grade.NOTE)])
+def test_a_bus_that_a_session_may_not_share_is_told_before_its_drives(interface: str, grade: Grade) -> None:
+    first, *_ = examine(with_bus(DEVICE, interface, "can77"), None)
+    assert (first.grade, first.what) == (grade, reason(F.NOT_SHARED, interface=interface))
+    assert first.remedy == reason(CanRemedy.USE_SOCKETCAN)
+
+
 def test_a_missing_interface_is_reported_and_nothing_else_is_tried() -> None:
     device = with_bus(DEVICE, "socketcan", "can77")
     findings = list(examine(device, None))

@@ -20,8 +20,10 @@ from app.system.config import Config, JointsConfig, SessionSetup
 from app.system.errors import AppError
 from app.system.legs_lock import LegsLock, check_legs_free, claim_legs, lock_paths, share_legs
 from app.system.paths import Home, LockFault, hold_home
+from hal.errors import CanFault
 from profiles.schema import DEMO_PATIENT
 from tests.support.disks import read_only_disk
+from tests.support.errors import refused
 
 SHARE = """
 import sys
@@ -95,6 +97,13 @@ def test_drives_are_the_same_to_every_home(tmp_path: Path, monkeypatch: pytest.M
     claim_legs(other).close()
     first.close()
     claim_legs(there).close()
+
+
+def test_a_bus_that_one_program_alone_can_read_is_no_sessions(tmp_path: Path) -> None:
+    """Control, guardian and bus log would each receive a third of the frames, in pieces."""
+    setup = setup_of(tmp_path, JointsConfig(kind="can", interface="slcan", channel="/dev/ttyACM0"))
+    with refused(CanFault.NOT_SHARED, bus="/dev/ttyACM0", interface="slcan"):
+        claim_legs(setup)
 
 
 def test_drives_are_the_same_to_a_user_who_may_not_write_to_the_first_folder(

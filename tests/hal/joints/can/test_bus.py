@@ -19,26 +19,10 @@ from hal.joints.can.bus import ERROR_FRAMES, BusPort, bus_load, fault_of, frame_
 from hal.joints.codecs.wire import Frame
 from hal.joints.device import BusDevice
 from hal.joints.protocol import BusFault
+from tests.support.breaking_bus import BreakingBus
 from tests.support.errors import refused
 
 FRAME = Frame(1, b"\x01")
-
-
-class BreakingBus(can.BusABC):
-    """A bus that fails as it is told to."""
-
-    def __init__(self, sending: Exception | None = None, receiving: Exception | None = None) -> None:
-        super().__init__(channel="breaking")
-        self.sending, self.receiving = sending, receiving
-
-    def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        if self.sending is not None:
-            raise self.sending
-
-    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        if self.receiving is not None:
-            raise self.receiving
-        return None, False
 
 
 @pytest.mark.parametrize(
@@ -78,6 +62,7 @@ def _broken_datagram() -> can.CanOperationError:
         (OSError(errno.EBADF, "closed"), BusFault.INTERFACE_GONE),
         (_broken_datagram(), BusFault.MALFORMED),
         (ValueError("select on a closed socket"), BusFault.MALFORMED),
+        (IndexError("string index out of range"), BusFault.MALFORMED),  # slcan, of a line that was cut
     ],
 )
 def test_receiving_that_breaks_is_reported(error: Exception, flag: BusFault) -> None:
@@ -202,3 +187,22 @@ def test_an_interface_that_is_there_but_down_is_only_brought_up(
     monkeypatch.setattr("hal.joints.can.bus.Path", lambda _, *parts: tmp_path.joinpath(*parts))
     with refused(CanFault.INTERFACE_DOWN, bus="vcan7", command="sudo ip link set vcan7 up"):
         open_bus(BusDevice(channel="vcan7"))
+
+
+@pytest.mark.parametrize(
+    "error",
+    [
+        KeyError("can0"),  # pcan, of a channel that is no name of its own
+        NameError("name 'canGetNumberOfChannels' is not defined"),  # kvaser, without its driver
+        AttributeError("'str' object has no attribute 'device_capability'"),  # gs_usb
+    ],
+)
+def test_an_interface_that_lets_its_own_errors_out_is_not_opened(
+    monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    def opening(**_options: object) -> can.BusABC:
+        raise error
+
+    monkeypatch.setattr(can, "Bus", opening)
+    with refused(CanFault.NOT_OPENED, bus="can0", interface="pcan", detail=str(error)):
+        open_bus(BusDevice(interface="pcan"))

@@ -12,11 +12,22 @@ from hal.errors import CanFault
 from hal.joints.can.bus import message_of, open_bus
 from hal.joints.can.drive import drives_of
 from hal.joints.can.safe_stop import SafeStop
-from hal.joints.codecs.wire import SetPoint
+from hal.joints.codecs.wire import Order, SetPoint
 from hal.joints.device import JointDevice, load_exoskeleton
 from hal.joints.emulator.firmware import Fault
 from hal.joints.protocol import Joint
-from tests.support.can_rig import CanRig, MakeRig, command, each_joint, small_gear, until, with_motor
+from tests.support.breaking_bus import BreakingBus
+from tests.support.can_rig import (
+    CanRig,
+    MakeRig,
+    assert_damping,
+    command,
+    each_joint,
+    listening,
+    small_gear,
+    until,
+    with_motor,
+)
 from tests.support.errors import refused
 
 DEVICES = {
@@ -72,6 +83,30 @@ def test_damping_then_off(rig: CanRig) -> None:
     until(lambda: not any(drive.motor_mode for drive in rig.emulator.drives))
     until(lambda: guardian.answered() == set(Joint) or guardian.exit() is None)
     guardian.close()
+    guardian.close()
+
+
+def test_what_may_be_stiff_is_damped_but_a_drive_that_a_set_point_would_power_is_ordered_off(
+    rig: CanRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    drives = rig.emulator.drives
+    powered_by_command = drives[0]._codec.traits.enabled_by_command
+    guardian = SafeStop(rig.emulator.device)
+    guardian.open()
+    assert guardian.damp_left_on()
+    until(lambda: max(stiffness(rig)) < 0.2)
+    assert [drive.motor_mode for drive in drives] == [not powered_by_command] * 4
+    told = [listening(monkeypatch, drive) for drive in drives]
+    guardian.exit()
+    guardian.damp_left_on()
+    until(lambda: all(len(asked) == 2 for asked in told))
+    assert not any(drive.motor_mode for drive in drives), "those that are off stay off"
+    for drive, (exit_order, asked) in zip(drives, told, strict=True):
+        assert exit_order is Order.DISABLE
+        if powered_by_command:
+            assert asked is Order.DISABLE
+        else:
+            assert_damping(drive, [asked])
     guardian.close()
 
 
@@ -141,3 +176,15 @@ def test_unopened_it_reports_that_nothing_left() -> None:
 def test_a_missing_bus_is_reported_with_the_command_that_repairs_it() -> None:
     with refused(CanFault.NO_INTERFACE, command="sudo ip link set can0 up type can bitrate 1000000 restart-ms 0"):
         SafeStop(load_exoskeleton()).open()
+
+
+def test_a_line_that_was_cut_ends_no_guardian(monkeypatch: pytest.MonkeyPatch) -> None:
+    """python-can's slcan raises these; the bus counts as failed, so that it is opened anew."""
+    for error in (IndexError("string index out of range"), ValueError("non-hexadecimal number")):
+        bus = BreakingBus(receiving=error)
+        monkeypatch.setattr("hal.joints.can.safe_stop.open_bus", lambda _, bus=bus: bus)
+        guardian = SafeStop(load_exoskeleton())
+        guardian.open()
+        assert guardian.answered() == frozenset()
+        assert guardian.failed
+        guardian.close()

@@ -28,6 +28,7 @@ from hal.joints.emulator.emulator import DriveEmulator
 from hal.joints.emulator.firmware import Fault
 from hal.joints.protocol import DriveFault, Joint
 from testing.emulated_drives import emulating
+from tests.support.breaking_bus import BreakingBus
 from tests.support.can_rig import CanRig, MakeRig, command, each_joint, small_gear, until, with_motor
 from tests.support.errors import refused
 
@@ -104,6 +105,12 @@ def test_listening_distinguishes_a_bus_in_use_from_one_that_is_still(make_rig: M
         start(rig)
         rig.until(lambda now: (now.measured_ns > 0).all(), command())
         assert listen(bus, 0.3).busy
+
+
+@pytest.mark.parametrize("error", [IndexError("string index out of range"), ValueError("non-hexadecimal number")])
+def test_a_line_that_was_cut_is_told(error: Exception) -> None:
+    with BreakingBus(receiving=error) as bus, refused(CanFault.RECEIVE_FAILED, bus=bus.channel_info, detail=str(error)):
+        listen(bus, 0.3)
 
 
 def test_the_monitor_sees_both_sides_and_sends_nothing(make_rig: MakeRig) -> None:
