@@ -1,7 +1,7 @@
 """Pre-flight: before an action first moves a patient in the real device, its rehearsal must have passed.
 
-A result holds for exactly the parameters it was made with: body, gait, ranges, device and program version together
-name its file in the home. Whatever changes, a new rehearsal is due.
+A result holds for exactly the parameters it was made with: body, gait, ranges, device, program version and the steps of
+a walk together name its file in the home. Whatever changes, a new rehearsal is due.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from msgspec import Struct
 
 from app.ipc.states import Action, GaitState
 from app.motion.plan import Patient, Phase, PlanRequest, patient_of, quad
-from app.motion.rehearsal import SEQUENCES, STARTS, WALK_PHASES, rehearse
+from app.motion.rehearsal import SEQUENCES, STARTS, rehearse
 from app.motion.rehearsal_checks import RehearsalVerdict
 from app.motion.trajectory import nominal_pose, plan
 from app.system.paths import Home
@@ -57,9 +57,9 @@ class PreflightFault(Enum):
 
 
 def preflight_key(patient: Patient, device: Exoskeleton, action: Action) -> str:
-    """Hexadecimal name of everything that a rehearsal depends on."""
+    """Hexadecimal name of everything that a rehearsal depends on, and of the steps that it took."""
     ranges = (patient.hip_max_rad, patient.knee_max_rad)
-    content = (version("rleex"), action, patient.body, patient.gait, ranges, device)
+    content = (version("rleex"), action, SEQUENCES.get(action), patient.body, patient.gait, ranges, device)
     return hashlib.sha256(msgspec.json.encode(content, order="sorted")).hexdigest()
 
 
@@ -102,7 +102,7 @@ def run_preflight(
     actions: Iterable[Action] = tuple(Action),
     watch: Callable[[Action], None] = lambda _: None,
 ) -> tuple[PreflightResult, ...]:
-    """Rehearse actions and keep the verdicts; a second or two each. Raises OSError when the home can't be written."""
+    """Rehearse actions and keep the verdicts; up to 3 s each. Raises OSError when the home can't be written."""
     results = []
     for action in actions:
         watch(action)
@@ -142,7 +142,7 @@ def check_profile(profile: Profile, device: Exoskeleton) -> list[Reason]:
         start = STARTS.get(action, GaitState.STANDING)
         pose = nominal_pose(start, patient)
         pose = np.where(np.isfinite(pose), pose, 0.0)
-        phases = WALK_PHASES[:2] if action in SEQUENCES else ((action, Phase.WHOLE),)
+        phases = dict.fromkeys(SEQUENCES.get(action, ((action, Phase.WHOLE),)))
         requests = [
             PlanRequest(number=number, action=part, phase=phase, from_state=start, start_rad=quad(pose))
             for number, (part, phase) in enumerate(phases)

@@ -44,10 +44,13 @@ STARTS: dict[Action, GaitState] = {
     A.STEP_END: S.RIGHT_FORWARD,
     A.STAND_UP: S.SITTING,
 }
-WALK_PHASES = (
+WALK_PHASES = (  # two walks, as left and right may have limits of their own: each ends in the other closing step
     (A.WALK, P.WALK_START),
     *[(A.WALK, P.WALK_RIGHT), (A.WALK, P.WALK_LEFT)] * 2,
     (A.WALK_END, P.WALK_CLOSE_RIGHT),
+    (A.WALK, P.WALK_START),
+    (A.WALK, P.WALK_RIGHT),
+    (A.WALK_END, P.WALK_CLOSE_LEFT),
 )
 SEQUENCES: dict[Action, tuple[tuple[Action, Phase], ...]] = {A.WALK: WALK_PHASES, A.WALK_END: WALK_PHASES}
 CROUCH_RAD = np.array([0.35, 0.6, 0.35, 0.6])  # where a wearer is before gesture 0, for the rehearsal
@@ -68,7 +71,7 @@ class Rehearsal:
 
 
 def rehearse(patient: Patient, device: Exoskeleton, action: Action) -> Rehearsal:
-    """Carry out one action (walking: seven steps) in simulation from its state's pose."""
+    """Carry out one action (walking: two walks, nine steps) in simulation from its state's pose."""
     running = RehearsalRun(patient, device, action)
     return running.evaluated(running.run())
 

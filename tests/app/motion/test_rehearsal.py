@@ -7,8 +7,8 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from app.ipc.states import Action
-from app.motion.plan import Patient, PlanFault, patient_of
+from app.ipc.states import Action, GaitState
+from app.motion.plan import Patient, Phase, PlanFault, PlanRequest, patient_of, quad
 from app.motion.preflight import (
     PreflightFault,
     check_profile,
@@ -17,12 +17,13 @@ from app.motion.preflight import (
     preflight_passed,
     refuse_unfit,
 )
-from app.motion.rehearsal import rehearse
+from app.motion.rehearsal import SEQUENCES, WALK_PHASES, rehearse
 from app.motion.rehearsal_checks import RehearsalFault, RehearsalVerdict
+from app.motion.trajectory import nominal_pose, plan
 from app.system.paths import Home
 from app.text.catalogue import render
-from hal.joints.device import load_exoskeleton
-from logs.reason import key_of, reason
+from hal.joints.device import Exoskeleton, load_exoskeleton
+from logs.reason import Reason, key_of, reason
 from profiles.errors import ProfileError
 from profiles.schema import DEMO_PATIENT, Profile
 
@@ -39,6 +40,16 @@ WORST_CORNERS = (
 
 def patient(profile: Profile = DEMO_PATIENT) -> Patient:
     return patient_of(profile, DEVICE)
+
+
+def plan_walk(device: Exoskeleton, phase: Phase) -> Reason | None:
+    """Why one step of a walk can't be planned."""
+    action = Action.WALK_END if "CLOSE" in phase.name else Action.WALK
+    state = GaitState.RIGHT_FORWARD if phase.name.endswith("LEFT") else GaitState.LEFT_FORWARD
+    mine = patient_of(DEMO_PATIENT, device)
+    start_rad = quad(nominal_pose(state, mine))
+    request = PlanRequest(number=0, action=action, phase=phase, from_state=state, start_rad=start_rad)
+    return plan(request, mine).check.reason
 
 
 @pytest.mark.parametrize("action", list(Action))
@@ -61,6 +72,25 @@ def test_what_cannot_be_planned_fails_with_its_reason() -> None:
     assert verdict.reasons[0].code == key_of(PlanFault.TOO_MUCH_TORQUE)
 
 
+STIFF_LEFT_KNEE = msgspec.structs.replace(DEVICE, left_knee=msgspec.structs.replace(DEVICE.left_knee, max_deg=70.0))
+
+
+@pytest.mark.parametrize("action", [Action.WALK, Action.WALK_END])
+def test_a_walk_passes_only_if_each_leg_can_close_it(action: Action) -> None:
+    """A left knee that bends far enough for its stride, and not for its closing step."""
+    assert plan_walk(STIFF_LEFT_KNEE, Phase.WALK_LEFT) is None
+    why = plan_walk(STIFF_LEFT_KNEE, Phase.WALK_CLOSE_LEFT)
+    assert why is not None
+    verdict = rehearse(patient_of(DEMO_PATIENT, STIFF_LEFT_KNEE), STIFF_LEFT_KNEE, action).verdict
+    assert not verdict.passed
+    assert [one.code for one in verdict.reasons] == [why.code]
+
+
+def test_a_profile_is_refused_where_one_leg_cannot_close_a_walk() -> None:
+    found = {str(why.values["action"]) for why in check_profile(DEMO_PATIENT, STIFF_LEFT_KNEE)}
+    assert str(reason(PreflightFault.NOT_PLANNABLE, action=Action.WALK).values["action"]) in found
+
+
 STRIKES = reason(RehearsalFault.STRIKES_OBSTACLE)
 
 
@@ -78,6 +108,15 @@ def test_a_preflight_is_kept_for_exactly_its_parameters(tmp_path: Path) -> None:
     assert not preflight_passed(home, patient(longer), DEVICE, Action.WALK).passed
     weaker = msgspec.structs.replace(DEVICE, mass_kg=15.0)
     assert not preflight_passed(home, patient(), weaker, Action.WALK).passed
+
+
+def test_a_verdict_of_a_shorter_walk_clears_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    home, one_walk = Home(tmp_path), WALK_PHASES[:-3]
+    with monkeypatch.context() as earlier:
+        earlier.setitem(SEQUENCES, Action.WALK, one_walk)
+        keep_verdict(home, patient(), DEVICE, Action.WALK, verdict(Action.WALK, passed=True))
+        assert cleared_actions(home, patient(), DEVICE) == {Action.WALK}
+    assert cleared_actions(home, patient(), DEVICE) == frozenset()
 
 
 def test_a_failed_preflight_reports_why(tmp_path: Path) -> None:
