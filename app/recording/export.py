@@ -36,6 +36,10 @@ COORDINATES = {
     "right_knee": "knee_angle_r",
 }
 
+C3D_FRAMES = 65535  # at most, in a C3D file
+C3D_A_FRAME = 100  # samples in a frame of a long file
+SLICE_TICKS = 1000  # written at a time: as Python's numbers an hour takes gigabytes
+
 
 def to_csv(samples: Samples, target: Path) -> None:
     """Comments with # first, then names, then a line a tick."""
@@ -43,7 +47,9 @@ def to_csv(samples: Samples, target: Path) -> None:
         file.writelines(f"# {name}: {text}\n" for name, text in samples.about.items())
         writer = csv.writer(file, lineterminator="\n")
         writer.writerow(samples.columns)
-        writer.writerows(zip(*(column.tolist() for column in samples.columns.values()), strict=True))
+        columns = list(samples.columns.values())
+        for some in _slices(len(samples.at_ns)):
+            writer.writerows(zip(*(column[some].tolist() for column in columns), strict=True))
 
 
 def to_parquet(samples: Samples, target: Path) -> None:
@@ -61,24 +67,35 @@ def to_parquet(samples: Samples, target: Path) -> None:
 
 
 def to_c3d(samples: Samples, target: Path) -> None:
-    """Analogue channels at control's rate, as 32-bit floats, with labels, units and descriptions."""
+    """Analogue channels at control's rate, as 32-bit floats, with labels, units and descriptions. Raises AppError.
+
+    C3D counts frames in 16 bits. There are no points, so a longer recording has fewer frames of more samples each.
+    """
     import ezc3d
 
     even = samples.at_rate()
+    ticks = len(even.at_ns)
+    a_frame = 1 if ticks <= C3D_FRAMES else C3D_A_FRAME
+    frames = -(-ticks // a_frame)
+    if frames > C3D_FRAMES:
+        raise AppError(
+            ExportFault.TOO_LONG, path=samples.recording.path, hours=C3D_FRAMES * C3D_A_FRAME / TICK_HZ / 3600
+        )
     file = ezc3d.c3d()
-    frames = len(even.at_ns)
     parameters = file["parameters"]
-    parameters["POINT"]["RATE"]["value"] = [float(TICK_HZ)]
-    parameters["POINT"]["FRAMES"]["value"] = [min(frames, 65535)]
+    parameters["POINT"]["RATE"]["value"] = [TICK_HZ / a_frame]
+    parameters["POINT"]["FRAMES"]["value"] = [frames]
     analog = parameters["ANALOG"]
     analog["RATE"]["value"] = [float(TICK_HZ)]
     analog["LABELS"]["value"] = list(COLUMNS)
     analog["UNITS"]["value"] = [unit_of(name) for name in COLUMNS]
     analog["DESCRIPTIONS"]["value"] = [ABOUT["axes"]] * len(COLUMNS)
-    for name, text in samples.about.items():
+    for name, text in (samples.about | {"samples": str(ticks)}).items():
         file.add_parameter("RLEEX", name.upper(), [text])
+    values = np.full((1, len(COLUMNS), frames * a_frame), np.nan)
+    values[0, :, :ticks] = even.values.reshape(ticks, -1).T
     file["data"]["points"] = np.zeros((4, 0, frames))
-    file["data"]["analogs"] = even.values.reshape(1, frames, -1).transpose(0, 2, 1)
+    file["data"]["analogs"] = values
     file.write(str(target))
 
 
@@ -175,5 +192,11 @@ def _write_storage(target: Path, samples: Samples, names: list[str], values: NDA
     head = [samples.about["session"], "version=1", *size, "inDegrees=no", about]
     with target.open("w", encoding="utf-8") as file:
         file.write("\n".join([*head, "endheader", "\t".join(["time", *names])]) + "\n")
-        for at_s, row in zip(samples.time_s.tolist(), values.tolist(), strict=True):
-            file.write("\t".join(map(repr, [at_s, *row])) + "\n")
+        time_s = samples.time_s
+        for some in _slices(len(values)):
+            for at_s, row in zip(time_s[some].tolist(), values[some].tolist(), strict=True):
+                file.write("\t".join(map(repr, [at_s, *row])) + "\n")
+
+
+def _slices(ticks: int) -> list[slice]:
+    return [slice(first, first + SLICE_TICKS) for first in range(0, ticks, SLICE_TICKS)]

@@ -26,7 +26,7 @@ ABOUT = {
     "axes": "angles at the joint; hip and knee flexion positive, standing = 0; torques in the same direction",
     "units": "in each column's name: rad, rad/s, Nm, s",
     "time": "time_s: since the first sample; monotonic_ns + wall_minus_monotonic_ns = UTC since 1970",
-    "missing": "a quantity that was not measured is NaN",
+    "missing": "NaN: not measured; of a target: the joint is held nowhere, off or damped",
 }
 DATES_SHIFTED = {"dates": "shifted by whole days, the same for all sessions of a patient"}
 _decode = msgspec.json.Decoder(schemas.JointStates).decode
@@ -39,6 +39,7 @@ class ExportFault(Enum):
     EXISTS = auto()  # path
     PICTURES = auto()  # path
     UNWRITABLE = auto()  # path, detail
+    TOO_LONG = auto()  # path, hours
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

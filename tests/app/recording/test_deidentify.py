@@ -9,13 +9,17 @@ import numpy as np
 from typer.testing import CliRunner
 
 from app.cli import cli
+from app.ipc.states import Action, Event
 from app.recording import schemas
 from app.recording.deidentify import DAY_NS, MOST_DAYS, deidentify
 from app.recording.encryption import KEY_BYTES, load_or_make_secret
+from app.recording.export import export
 from app.recording.read import STAMP, Recording, RecordingReadFault, messages, survey
 from app.recording.samples import read_samples
 from app.recording.writer import RecordingWriter
 from app.system.errors import AppError
+from logs.reason import reason
+from logs.trail import DiskFault
 from tests.app.recording.conftest import Session
 
 BEGAN = "2026-11-22T10:00:00.000Z"
@@ -48,6 +52,42 @@ def test_trail_log_and_operators_are_left_out_and_nothing_else(recorded: Session
     gone = {schemas.TRAIL, schemas.LOG, schemas.OPERATOR}
     assert after.counts == {topic: count for topic, count in before.counts.items() if topic not in gone}
     assert after.whole
+
+
+def test_of_a_reason_the_code_and_the_numbers_stay_and_the_texts_go(tmp_path: Path) -> None:
+    """A trail that could not be written names its file: session, user, date."""
+    path = tmp_path / "20261127T182103Z-6bcb.mcap"
+    fault = reason(DiskFault.NOT_WRITTEN, path=Path("/home/anna/logs") / path.name, detail="quota", waiting=3)
+    why = reason(Event.AUDIT_WRITE_FAILED, reason=fault, causes=(fault, fault), action=Action.WALK)
+    gait = schemas.Gait(
+        state="standing",
+        action=None,
+        progress=0.0,
+        effect="refuse",
+        armed=True,
+        powered=True,
+        steps=0,
+        distance_walked_m=0.0,
+        events=("audit-write-failed",),
+        refusal=why,
+        refusal_count=1,
+        why_not=why,
+    )
+    verdict = schemas.Verdict(
+        frame=1, hand=True, gesture=None, raw_gesture=None, confidence=0.5, votes=1, explanation=why, refusal=None
+    )
+    writer = RecordingWriter(path, schemas.TOPICS, 10**18, floor_bytes=0)
+    writer.add(schemas.GAIT, 1, gait)
+    writer.add(schemas.VERDICT, 2, verdict)
+    assert writer.finish()
+    (copy,) = export(path, "mcap", tmp_path / "out", deidentify("P-017", BEGAN, bytes(KEY_BYTES))).files
+    found = {one.topic: one.value for one in messages(Recording(path=copy))}
+    bare = {"code": "DiskFault.NOT_WRITTEN", "values": {"path": "…", "detail": "…", "waiting": 3}}
+    kept = {"reason": bare, "causes": [bare, bare], "action": {"code": "Action.WALK", "values": {}}}
+    kept_why = {"code": "Event.AUDIT_WRITE_FAILED", "values": kept}
+    before = {one.topic: one.value for one in messages(Recording(path=path))}
+    assert found[schemas.GAIT] == before[schemas.GAIT] | {"refusal": kept_why, "why_not": kept_why}
+    assert found[schemas.VERDICT] == before[schemas.VERDICT] | {"explanation": kept_why}
 
 
 def test_the_file_names_neither_session_nor_operator(recorded: Session, tmp_path: Path) -> None:
