@@ -206,7 +206,7 @@ class Control:
         if feedback.state is not self._drive_state:
             self._drive_state = feedback.state
             bodies.append(drives_record(feedback))
-        self._joint_statistics.add(feedback, state.motion.command.position_rad)
+        self._joint_statistics.add(feedback, state.motion.command)
         if self._joint_statistics.full:
             bodies.append(self._joint_statistics.take(1.0, state.gait.state.value))
         if self._tick % LATENESS_TICKS == LATENESS_TICKS - 1:

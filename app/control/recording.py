@@ -10,6 +10,7 @@ from collections import Counter
 import numpy as np
 
 from app.control.inputs import Inputs, StreamState
+from app.control.telemetry import held_rad
 from app.ipc.messages import ControlSnapshot, OperatorCommand, OperatorKind
 from app.ipc.recording import BATCH_TICKS, QUANTITIES, Contact, LinkAges, TickBatch
 from app.ipc.streams import NS_PER_MS, RECORDING, LinkDirectory
@@ -43,7 +44,7 @@ class TickRecorder:
         feedback, values = inputs.feedback, self._values[self._ticks]
         self._at_ns[self._ticks] = inputs.now_ns
         values[0], values[1], values[2] = feedback.position_rad, feedback.velocity_rad_s, feedback.torque_nm
-        values[3], values[4], values[5] = command.position_rad, command.velocity_rad_s, command.torque_nm
+        values[3], values[4], values[5] = held_rad(command), command.velocity_rad_s, command.torque_nm
         values[6], values[7] = command.stiffness_nm_rad, command.damping_nm_s_rad
         self._ticks += 1
         if inputs.commands:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from math import isfinite
+from math import isfinite, isnan, nan
 
 import numpy as np
 from msgspec import Struct
@@ -18,7 +18,7 @@ from app.ipc.messages import ActiveEvent, ControlSnapshot, JointSnapshot, Latene
 from app.ipc.states import Action, RequestRefusal, Source
 from app.ipc.streams import NS_PER_MS
 from app.motion.follower import Mode
-from hal.joints.protocol import Joint, JointArray, JointFeedback
+from hal.joints.protocol import Joint, JointArray, JointCommand, JointFeedback
 from logs.reason import Quad, Reason, reason
 from logs.records import JointStatistics
 
@@ -91,6 +91,7 @@ def _event(one: RaisedEvent) -> ActiveEvent:
         detail=one.detail,
         effect=ROW[one.event].effect,
         since_ns=one.since_ns,
+        number=one.since_ns,
         present=one.present,
         acknowledged=one.acknowledged or not one.latched,
     )
@@ -101,14 +102,18 @@ def _joints(state: ControlState, inputs: Inputs) -> tuple[JointSnapshot, JointSn
     return left_hip, left_knee, right_hip, right_knee
 
 
+def held_rad(command: JointCommand) -> JointArray:
+    """Where the joints are commanded to be, (4,); NaN where nothing pulls them there: off, or damped."""
+    return np.where(command.stiffness_nm_rad > 0, command.position_rad, nan)
+
+
 def _joint(state: ControlState, inputs: Inputs, joint: Joint) -> JointSnapshot:
-    feedback, command = inputs.feedback, state.motion.command
+    feedback = inputs.feedback
     fault = feedback.faults[joint]
-    stiff = command.stiffness_nm_rad[joint] > 0
-    angle_rad = float(feedback.position_rad[joint])
+    angle_rad, target_rad = float(feedback.position_rad[joint]), float(held_rad(state.motion.command)[joint])
     return JointSnapshot(
         angle_rad=angle_rad,
-        target_rad=float(command.position_rad[joint]) if stiff else angle_rad,
+        target_rad=angle_rad if isnan(target_rad) else target_rad,
         speed_rad_s=float(feedback.velocity_rad_s[joint]),
         torque_nm=float(feedback.torque_nm[joint]),
         temperature_c=float(feedback.temperature_c[joint]),
@@ -172,12 +177,12 @@ class JointStatisticsCollector:
         """The period is over."""
         return self._ticks == self._period_ticks
 
-    def add(self, feedback: JointFeedback, target_rad: JointArray) -> None:
+    def add(self, feedback: JointFeedback, command: JointCommand) -> None:
         """One tick."""
         angle_rad, torque_nm, targets_rad = self._kept
         angle_rad[:, self._ticks] = feedback.position_rad
         torque_nm[:, self._ticks] = feedback.torque_nm
-        targets_rad[:, self._ticks] = target_rad
+        targets_rad[:, self._ticks] = held_rad(command)
         self._temperature_c = feedback.temperature_c
         self._ticks += 1
 

@@ -122,11 +122,14 @@ def snapshot_at(playback: Playback, at_ns: int) -> ControlSnapshot | None:
 
 
 def joints_over(playback: Playback, after_ns: int, until_ns: int) -> tuple[JointSamples, JointSamples]:
-    """Measured and commanded joints over some time."""
-    return (
-        playback.index.joints(schemas.JOINT_STATE, after_ns, until_ns),
-        playback.index.joints(schemas.JOINT_SETPOINT, after_ns, until_ns),
-    )
+    """Measured and commanded joints over some time; where a joint is held nowhere, as control's snapshot shows it."""
+    measured = playback.index.joints(schemas.JOINT_STATE, after_ns, until_ns)
+    commanded = playback.index.joints(schemas.JOINT_SETPOINT, after_ns, until_ns)
+    _, of_measured, of_commanded = np.intersect1d(measured.at_ns, commanded.at_ns, return_indices=True)
+    values = commanded.values.copy()
+    target_rad = values[of_commanded, 0]
+    values[of_commanded, 0] = np.where(np.isfinite(target_rad), target_rad, measured.values[of_measured, 0])
+    return measured, JointSamples(at_ns=commanded.at_ns, values=values)
 
 
 def _after(snapshot: ControlSnapshot, record: Record) -> ControlSnapshot:
@@ -190,6 +193,7 @@ def _events(playback: Playback, names: tuple[str, ...], at_ns: int) -> tuple[Act
                 detail=text.values if isinstance(text, Reason) else {},
                 effect=_named(Effect, raised.body.effect) or Effect.NOTE,
                 since_ns=moment_ns(raised),
+                number=moment_ns(raised),
                 present=not playback.is_over(name, raised, at_ns),
                 acknowledged=False,
             )

@@ -224,7 +224,7 @@ class JointStatistics(Struct, frozen=True, kw_only=True, tag_field="kind", tag="
     angle_min_rad: Quad
     angle_mean_rad: Quad
     angle_max_rad: Quad
-    target_mean_rad: Quad
+    target_mean_rad: Quad  # null where the joint was held nowhere at some time of it: off, or damped
     torque_min_nm: Quad
     torque_mean_nm: Quad
     torque_max_nm: Quad

@@ -310,9 +310,15 @@ def _trace(found: list[tuple[float, r.JointStatistics]], joint: int) -> JointTra
         low_deg=tuple(_degrees(body.angle_min_rad[joint]) for _, body in whole),
         mean_deg=tuple(_degrees(body.angle_mean_rad[joint]) for _, body in whole),
         high_deg=tuple(_degrees(body.angle_max_rad[joint]) for _, body in whole),
-        target_deg=tuple(_degrees(body.target_mean_rad[joint]) for _, body in whole),
+        target_deg=tuple(_degrees(_target_rad(body, joint)) for _, body in whole),
         highest_c=max(warm, default=None),
     )
+
+
+def _target_rad(body: r.JointStatistics, joint: int) -> float | None:
+    """A joint that is held nowhere is shown as on the screen: its target is where it is."""
+    target_rad = body.target_mean_rad[joint]
+    return body.angle_mean_rad[joint] if target_rad is None else target_rad
 
 
 def _degrees(value: float | None) -> float:

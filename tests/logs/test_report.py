@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import msgspec
@@ -52,6 +53,26 @@ def test_half_and_most_of_few_latencies_are_not_too_high(
 ) -> None:
     spread = Spread(name="x", values_ms=values_ms)
     assert tuple(spread.share(quantile) for quantile in (0.5, 0.95, 1.0)) == shares
+
+
+def test_a_joint_that_is_held_nowhere_is_drawn_without_an_error(tmp_path: Path, key: ConsoleKey) -> None:
+    """As on the screen its target is then where it is, and not 0°."""
+    angles, unknown = (0.5, 1.0, 0.5, 1.0), (None,) * 4
+    free = r.JointStatistics(
+        period_s=1.0,
+        angle_min_rad=angles,
+        angle_mean_rad=angles,
+        angle_max_rad=angles,
+        target_mean_rad=unknown,
+        torque_min_nm=unknown,
+        torque_mean_nm=unknown,
+        torque_max_nm=unknown,
+        temperature_c=unknown,
+    )
+    held = msgspec.structs.replace(free, target_mean_rad=(0.25,) * 4)
+    found = list(records(write_session(tmp_path, "s1", key, Disk(), (free, held))))
+    traces = data_of(outline_of(found), found, render_recorded).joints
+    assert [trace.target_deg for trace in traces] == [(math.degrees(angle), math.degrees(0.25)) for angle in angles]
 
 
 def commented(trail: Trail, text: str, about: Record, name: str = "s1") -> Path:

@@ -8,7 +8,7 @@ from pathlib import Path
 from app.control.recording import TickRecorder
 from app.control.telemetry import snapshot
 from app.ipc.links import OrderedReceiver, address
-from app.ipc.messages import TriggerReport
+from app.ipc.messages import ControlSnapshot, TriggerReport
 from app.ipc.recording import HandFrame, Recorded, TickBatch
 from app.ipc.streams import RECORDING
 from app.perception.reporting import hand_frame
@@ -30,6 +30,7 @@ class RecordedLive(Live12):
     home: Path = Path()
     rig: Rig = field(default_factory=lambda: WatchedRig(watching=False))
     measured: list[tuple[int, list[float]]] = field(default_factory=list)  # time, angles
+    recorded: list[ControlSnapshot] = field(default_factory=list)  # as the screen had them
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -55,7 +56,8 @@ class RecordedLive(Live12):
             self._recorder.add(self.rig.given, self.rig.outputs.command)
             self.measured.append((self.rig.now_ns, self.rig.given.feedback.position_rad.tolist()))
             if self._recorder.full:
-                self._recorder.send(self.rig.state.streams, snapshot(self.rig.state, self.rig.given, STATUS))
+                self.recorded.append(snapshot(self.rig.state, self.rig.given, STATUS))
+                self._recorder.send(self.rig.state.streams, self.recorded[-1])
                 self.recording.take(received(self._receiver))
             self.recording.settle(self.rig.now_ns)
 

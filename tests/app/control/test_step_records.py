@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from app.control.events.table import LINGER_NS
 from app.control.running_action import Stage
 from app.control.state import REPORTS_KEPT, ControlState
 from app.control.step import END_HOLD_NS
+from app.control.telemetry import JointStatisticsCollector
 from app.ipc.states import Effect, Event, RequestRefusal
 from app.ipc.streams import TRIGGER
 from app.motion.follower import Mode
@@ -21,7 +23,7 @@ from hal.joints.protocol import DriveState, Joint
 from kgdfa.gesture import Gesture
 from logs import records
 from logs.reason import reason
-from tests.app.control.moments import DAMPING_TICKS, A, B, K, S, moving, now, records_of, standing
+from tests.app.control.moments import DAMPING_TICKS, A, B, K, S, damped, moving, now, records_of, standing
 from tests.app.control.rig import TICK_NS, Rig
 
 
@@ -422,3 +424,23 @@ def test_recognition_that_is_only_loading_has_not_timed_out() -> None:
     rig.watching = False
     rig.tick(130)
     assert Event.PERCEPTION_TIMEOUT.value in rig.events()
+
+
+@pytest.mark.parametrize("resting", [Rig, damped])
+def test_where_nothing_is_held_the_trail_has_no_target(resting: Callable[[], Rig]) -> None:
+    """Off, and damped: a position of the command is then without effect."""
+    rig, collector = resting(), JointStatisticsCollector(10)
+    for _ in range(10):
+        state = rig.tick()
+        collector.add(rig.joints.feedback(rig.now_ns), state.motion.command)
+    found = collector.take(0.02, "standing")
+    assert found.target_mean_rad == found.tracking_rms_rad == (None,) * 4
+    assert None not in found.angle_mean_rad
+
+
+def test_where_the_legs_are_held_the_trail_has_the_command() -> None:
+    rig, collector = standing(), JointStatisticsCollector(10)
+    for _ in range(10):
+        state = rig.tick()
+        collector.add(rig.joints.feedback(rig.now_ns), state.motion.command)
+    assert collector.take(0.02, "standing").target_mean_rad == pytest.approx(rig.command.position_rad.tolist())

@@ -5,11 +5,13 @@ from __future__ import annotations
 from contextlib import closing
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from app.ipc.states import Action, Effect, Event, GaitState
 from app.playback.moment import moment, snapshot_at
 from app.playback.session import Playback, ReplayFault, moment_ns
+from app.recording.schemas import JOINT_SETPOINT
 from app.system.errors import AppError
 from hal.joints.protocol import Joint
 from kgdfa.gesture import Gesture
@@ -143,6 +145,18 @@ def test_the_joints_are_controls_newest(session: Lived, playback: Playback) -> N
         snapshot = moment(playback, at_ns + 1).snapshot
         assert snapshot is not None
         assert [snapshot.joints[joint].angle_rad for joint in Joint] == angles
+
+
+def test_the_targets_are_those_of_the_screen_where_a_joint_is_held_nowhere_too(
+    session: Lived, playback: Playback
+) -> None:
+    first, *others = session.live.recorded
+    recorded = playback.index.joints(JOINT_SETPOINT, 0, first.at_ns).values[:, 0]
+    assert np.isnan(recorded).all(), "the drives are off"
+    for live in (first, *others[::17]):
+        snapshot = moment(playback, live.at_ns).snapshot
+        assert snapshot is not None
+        assert [one.target_rad for one in snapshot.joints] == [one.target_rad for one in live.joints]
 
 
 def test_before_anything_was_recorded_there_is_nothing(playback: Playback) -> None:

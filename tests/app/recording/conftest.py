@@ -54,7 +54,7 @@ class Session:
     setup: SessionSetup
     path: Path
     sink: Collector = field(default_factory=Collector)
-    ticks: list[tuple[int, list[float], list[float]]] = field(default_factory=list)  # time, measured, commanded angles
+    ticks: list[tuple[int, list[float], list[float]]] = field(default_factory=list)  # time, measured, commanded
     commands: int = 0
     frames: list[HandFrame] = field(default_factory=list)
     trail_lines: int = 0
@@ -92,8 +92,9 @@ def record(home: Path, ticks: int = 513) -> Session:
         shown = snapshot(state, rig.given, STATUS)
         recorder.add(rig.given, rig.outputs.command)
         recorder.add_contact(rig.now_ns, (1.0, 2.0))
-        command = rig.outputs.command.position_rad
-        made.ticks.append((rig.now_ns, rig.given.feedback.position_rad.tolist(), command.tolist()))
+        command = rig.outputs.command
+        held_rad = np.where(command.stiffness_nm_rad > 0, command.position_rad, np.nan)
+        made.ticks.append((rig.now_ns, rig.given.feedback.position_rad.tolist(), held_rad.tolist()))
         if number % BATCH_TICKS == BATCH_TICKS - 1:
             recorder.send(state.streams, shown)
             recording.take(received(receiver))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections import Counter
 from hashlib import sha256
+from math import nan
 from pathlib import Path
 
 import numpy as np
@@ -35,9 +36,13 @@ def test_joint_states_are_controls_own_sample_by_sample(recorded: Session) -> No
     for one in messages(Recording(path=recorded.path), *found):
         joints = one.value["joints"]
         assert [joint["name"] for joint in joints] == JOINTS
-        found[one.topic].append((one.at_ns, [joint["position"] for joint in joints]))
+        found[one.topic].append((one.at_ns, [joint.get("position", nan) for joint in joints]))
     assert found[schemas.JOINT_STATE] == [(at_ns, measured) for at_ns, measured, _ in recorded.ticks]
-    assert found[schemas.JOINT_SETPOINT] == [(at_ns, commanded) for at_ns, _, commanded in recorded.ticks]
+    setpoints = [at_ns for at_ns, _ in found[schemas.JOINT_SETPOINT]], [q for _, q in found[schemas.JOINT_SETPOINT]]
+    assert setpoints[0] == [at_ns for at_ns, _, _ in recorded.ticks]
+    assert np.array_equal(setpoints[1], [commanded for _, _, commanded in recorded.ticks], equal_nan=True)
+    assert np.isnan(setpoints[1][0]).all(), "the drives are off"
+    assert np.isfinite(setpoints[1][-1]).all(), "the legs stand up"
 
 
 def test_every_message_is_there(recorded: Session) -> None:
