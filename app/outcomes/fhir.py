@@ -151,7 +151,7 @@ def _quantity_of(value: float, unit: str) -> dict[str, Any]:
 
 def _unit(field: str) -> str:
     """UCUM's, from the field's name."""
-    ends = {"_steps_min": "{steps}/min", "_m_s": "m/s", "_percent": "%", "_share": "1", "_m": "m", "_s": "s"}
+    ends = {"_steps_min": "{steps}/min", "_m_s": "m/s", "_percent": "%", "_m": "m", "_s": "s"}
     return next((unit for end, unit in ends.items() if field.endswith(end)), "{steps}")
 
 

@@ -57,9 +57,6 @@ class Measures(Struct, frozen=True, kw_only=True):
     step_length_asymmetry_percent: float | None = None
     step_time_asymmetry_percent: float | None = None
     range_of_motion: dict[str, Range] = {}  # by joint
-    # The wearer's own share needs the force on the ground and of the harness, which no device here measures: without
-    # them the same drive torque fits a passive leg in a tight harness and an active one in a slack harness.
-    wearer_torque_share: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -30,10 +30,10 @@ SMOOTHED_TICKS = 11  # moving average over a drive's noise; a step takes 400 and
 STILL_RAD_S = 0.02  # joints slower than this are at rest
 STILL_TICKS = TICK_HZ // 10
 STANDING_S = 1.0  # a rest as long as this is standing, not walking
-LEVEL_M = 0.005  # ankles whose heights differ by less: the swinging foot lands about now
+LEVEL_M = 0.005  # ankles whose heights differ by less: the swinging foot lands about now, or a short rest is one
 LANDING_TICKS = TICK_HZ * 15 // 100  # about then
 SLOPE_TICKS = 20  # a speed is that of a line through so many samples: shorter ones follow the drives' noise
-IN_AIR_M = 0.015  # joints at rest with more: a step that was paused
+IN_AIR_M = 0.015  # standing with more, which an unknown lean does not explain: a step that was paused
 IN_PLACE_M = 0.01  # an ankle nearer to where it stands: it has not begun to move, or has arrived
 LEAST_STEP_M = 0.03
 
@@ -58,7 +58,7 @@ class _Support:
     first: int
     last: int
     apart_m: float  # left ankle before the right one
-    rested: bool
+    rested_ticks: int  # from the first rest to the end of the last one; 0: seen in motion only
 
 
 def find_steps(body: Body, joints_rad: Array) -> tuple[Step, ...]:
@@ -122,12 +122,12 @@ def _ankles(body: Body, joints_rad: Array) -> tuple[Array, Array]:
 def _supports(apart: Array, still: Mask) -> list[_Support]:
     """Moments and stretches with both feet flat on the floor, in order, no two alike; apart: (n, 2) left from right."""
     rests = [
-        _Support(first=first, last=end - 1, apart_m=float(np.median(apart[first:end, 0])), rested=True)
+        _Support(first=first, last=end - 1, apart_m=float(np.median(apart[first:end, 0])), rested_ticks=end - first)
         for first, end in runs(still)
-        if abs(np.median(apart[first:end, 1])) < IN_AIR_M
+        if abs(np.median(apart[first:end, 1])) < (IN_AIR_M if end - first >= STANDING_S * TICK_HZ else LEVEL_M)
     ]
     landings = [
-        _Support(first=tick, last=tick, apart_m=_level_at(apart, tick), rested=False)
+        _Support(first=tick, last=tick, apart_m=_level_at(apart, tick), rested_ticks=0)
         for tick in _level_moments(apart).tolist()
         if not still[tick]
     ]
@@ -142,8 +142,10 @@ def _supports(apart: Array, still: Mask) -> list[_Support]:
 
 def _joined(before: _Support, after: _Support) -> _Support:
     """The same support seen twice; at rest it is seen better."""
-    best = after if after.rested and not before.rested else before
-    return _Support(first=before.first, last=after.last, apart_m=best.apart_m, rested=before.rested or after.rested)
+    best = after if after.rested_ticks and not before.rested_ticks else before
+    both = before.rested_ticks and after.rested_ticks
+    rested_ticks = after.last - before.first + 1 if both else best.rested_ticks
+    return _Support(first=before.first, last=after.last, apart_m=best.apart_m, rested_ticks=rested_ticks)
 
 
 def _level_moments(apart: Array) -> NDArray[np.intp]:
@@ -178,7 +180,7 @@ def _step(ankles: tuple[Array, Array], before: _Support, after: _Support, *, fir
         arrived=before.last + int(away[-1]) + 1,
         ahead_m=forward * after.apart_m,
         moved_m=abs(after.apart_m - before.apart_m),
-        from_standing=first or (before.rested and before.last - before.first >= STANDING_S * TICK_HZ),
+        from_standing=first or before.rested_ticks >= STANDING_S * TICK_HZ,
     )
 
 

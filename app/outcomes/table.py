@@ -32,7 +32,6 @@ ROWS = (
     ("step_time_right", "step_time_right_s", ".2f"),
     ("step_length_asymmetry", "step_length_asymmetry_percent", ".1f"),
     ("step_time_asymmetry", "step_time_asymmetry_percent", ".1f"),
-    ("wearer_torque_share", "wearer_torque_share", ".0%"),
 )
 # Key of the wording and of its smallest change, kind of guided test, field of its result, format.
 TESTS = (

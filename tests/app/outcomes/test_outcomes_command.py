@@ -77,7 +77,7 @@ def test_a_patients_sessions_in_a_table_and_as_json(home: Path, tmp_path: Path) 
     assert "distance walked, m" in text
     assert "4 / 100 (4%)" in text  # dose
     assert "±0.16" in text
-    assert "speed, m/s, ±0.16: smallest important change, in 283 people" in text
+    assert "speed, m/s, ±0.16: minimal important change, in 283 people" in text
     assert f"{second} has no recording" in text
     recorded, trail = json.loads((tmp_path / "o.json").read_bytes())
     assert (recorded["session"], recorded["source"]) == (first, "recording")
@@ -85,7 +85,6 @@ def test_a_patients_sessions_in_a_table_and_as_json(home: Path, tmp_path: Path) 
     assert 0.8 < recorded["measures"]["distance_m"] < 0.9
     assert trail["source"] == "trail"
     assert trail["measures"]["distance_m"] is None
-    assert trail["measures"]["wearer_torque_share"] is None
 
 
 def test_sessions_of_several_patients_are_refused(home: Path) -> None:
@@ -217,7 +216,7 @@ def test_the_report_prints_them(home: Path, tmp_path: Path) -> None:
     text = page.read_text()
     assert "distance walked, m" in text
     assert "±0.16" in text
-    assert "Tilson" in text, "where the smallest important change is from"
+    assert "Tilson" in text, "where the minimal important change is from"
     assert run("audit", "report", second, "--home", str(home), "-o", str(page))[0] == 0
     assert "has no recording" in page.read_text()
     assert run("--language", "zh", "audit", "report", first, "--home", str(home), "-o", str(page))[0] == 0
