@@ -8,13 +8,12 @@ import sys
 import time
 from collections.abc import Callable, Iterable
 from contextlib import suppress
-from functools import cached_property
 from multiprocessing import resource_tracker
 from typing import ClassVar
 
 from textual import events
 from textual.app import SystemCommand
-from textual.binding import Binding, BindingType
+from textual.binding import BindingType
 from textual.command import CommandPalette
 from textual.css.query import NoMatches
 from textual.driver import Driver
@@ -35,7 +34,7 @@ from app.console.screens.patients import PatientsScreen
 from app.console.screens.signin import LockScreen, SignInDialog
 from app.console.session_flow import SessionFlow
 from app.console.spoken import Sound, sounds_of, switched_on
-from app.console.state import ProcessFault, newly_ended
+from app.console.state import ProcessFault, SessionState, newly_ended
 from app.console.terminal import TerminalDriver, TerminalEvents, with_stop
 from app.console.themes import THEME_NAMES, THEMES
 from app.console.widgets.picture import Picture
@@ -45,7 +44,7 @@ from app.system.config import Config, SessionSetup
 from app.system.operators import Permission, needs_sign_in
 from app.system.paths import Home
 from app.system.scheduling import autogroup_nice, set_scheduling
-from app.text.catalogue import knows, language, languages, tr, use_configured, use_language
+from app.text.catalogue import language, languages, tr, use_configured, use_language
 from logs.reason import reason
 from logs.records import ProcessEnd, SignOut
 from profiles.schema import Profile
@@ -136,19 +135,14 @@ class ConsoleApp(SessionFlow):
         """STOP before any field may take the key for a letter; every key and click says that somebody is there."""
         if isinstance(event, events.Key) and self.switch.takes(event):
             return
-        now_s = since_boot_s()
-        if isinstance(event, (events.Key, events.MouseDown)) and not self._idle.is_over(now_s):
-            self._idle = self._idle.touched(now_s)  # the key that wakes a computer comes too late
-        await super().on_event(event)
-
-    @cached_property
-    def key_names(self) -> dict[str, str]:
-        """Each key of the table as it is shown, by its id with underscores; in the language in use."""
-        return {str(binding.id).replace(".", "_"): self._key_name(binding) for binding in keys.ALL}
-
-    def _key_name(self, binding: Binding) -> str:
-        key = keys.keys_of(str(binding.id), self.config.keys)[0]
-        return tr(f"key.{key}") if knows(f"key.{key}") else self.get_key_display(binding.with_key(key))
+        touch = isinstance(event, (events.Key, events.MouseDown))
+        late = touch and not self._barred() and self._must_lock(self.live_state())
+        if touch and not self._idle.is_over(since_boot_s()):
+            self._idle = self._idle.touched(since_boot_s())
+        if not (late and isinstance(event, events.Key)):  # a click is STOP's, or comes only when the button is let go
+            await super().on_event(event)
+        if late:  # as the key that wakes a computer: it does not command for whoever was there before
+            self._lock_idle()
 
     def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
         """Everything, for the command palette."""
@@ -228,6 +222,17 @@ class ConsoleApp(SessionFlow):
             self.trail.emit(SignOut(name=self.signed_in.name, reason="locked"))
         self.show_lock()
 
+    def _legs_move(self, state: SessionState | None) -> bool:
+        return state is not None and state.moving and self.switch.live
+
+    def _must_lock(self, state: SessionState | None) -> bool:
+        """Whether nobody has touched this console for the time, and the legs stand."""
+        return self._idle.is_over(since_boot_s()) and not self._legs_move(state)
+
+    def _lock_idle(self) -> None:
+        self._idle = self._idle.touched(since_boot_s())
+        self.action_lock_console()
+
     def _barred(self) -> bool:
         """Whether a lock or a sign-in stands, on top or below help or a question."""
         return any(isinstance(screen, (LockScreen, SignInDialog)) for screen in self.screen_stack)
@@ -306,12 +311,10 @@ class ConsoleApp(SessionFlow):
         now_s, stop_ns = since_boot_s(), self.switch.sent_ns
         if stop_ns > self._stop_ns:  # taken out of the input before `on_event`, and a touch as every other key
             self._stop_ns, self._idle = stop_ns, self._idle.touched(now_s)
-        moving, idle = state is not None and state.moving and self.switch.live, self._idle.is_over(now_s)
-        if moving and not idle:  # after the computer's sleep it does not count, and the lock comes once the legs stand
+        if self._legs_move(state) and not self._idle.is_over(now_s):  # after the computer's sleep it does not count
             self._idle = self._idle.touched(now_s)
-        if idle and not moving:
-            self._idle = self._idle.touched(now_s)
-            self.action_lock_console()
+        if self._must_lock(state):
+            self._lock_idle()
         own = (screen for screen in reversed(self.screen_stack) if isinstance(screen, (ConsoleScreen, Dialog)))
         screen = next(own, None)  # below the palette it stays in sight; none is left while the program ends
         if screen is not None and screen.composed:

@@ -6,17 +6,20 @@ import asyncio
 import time
 from collections.abc import Awaitable, Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 from textual.app import App
+from textual.binding import Binding
 
 from app.audit.sink import AuditSink, entry_now
+from app.console import keys
 from app.console.screens.signin import SignInDialog
 from app.system.authority import Authority, unsigned
 from app.system.config import Config, SessionSetup
 from app.system.errors import AppError
 from app.system.operators import Permission, load_store, needs_sign_in
 from app.system.paths import Home
-from app.text.catalogue import tr
+from app.text.catalogue import knows, tr
 from logs.errors import AuditError
 from logs.records import Body, Entry, SignIn
 
@@ -42,6 +45,15 @@ class SignedInApp(App[None]):
         """Whose changes they are. Raises AppError where somebody must sign in first."""
         return self.signed_in or unsigned(self.home, self.config)
 
+    @cached_property
+    def key_names(self) -> dict[str, str]:
+        """Each key of the table as it is shown, by its id with underscores; in the language in use."""
+        return {str(binding.id).replace(".", "_"): self._key_name(binding) for binding in keys.ALL}
+
+    def _key_name(self, binding: Binding) -> str:
+        key = keys.keys_of(str(binding.id), self.config.keys)[0]
+        return tr(f"key.{key}") if knows(f"key.{key}") else self.get_key_display(binding.with_key(key))
+
     def may(self, permission: Permission, config: Config | None = None) -> bool:
         """Whether the table of roles allows it; simulated joints move for everybody."""
         if permission is Permission.OPERATE and not needs_sign_in(config or self.config):
@@ -59,7 +71,8 @@ class SignedInApp(App[None]):
             await then()
         elif self.signed_in is not None:
             role = tr(self.signed_in.role) if self.signed_in.role else ""
-            self.notify(tr("sign_in.may_not", role=role, what=tr(permission)), severity="error", timeout=15)
+            text = tr("sign_in.may_not", role=role, what=tr(permission), **self.key_names)
+            self.notify(text, severity="error", timeout=15)
         else:
             self.ask_who(lambda: self.permitted(permission, then, config))
 

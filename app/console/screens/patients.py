@@ -53,7 +53,9 @@ class PatientsScreen(ConsoleScreen):
 
     def compose(self) -> ComposeResult:
         yield Label(id="title")
-        yield Input(placeholder=tr("patients.search"), id="search", compact=True, max_length=200)
+        yield Input(
+            placeholder=tr("patients.search", **self.console_app.key_names), id="search", compact=True, max_length=200
+        )
         with Horizontal(id="patients"):
             yield DataTable[str](id="list", cursor_type="row", zebra_stripes=True)
             with VerticalScroll(id="details", can_focus=False):

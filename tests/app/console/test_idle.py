@@ -11,8 +11,10 @@ from textual.command import CommandPalette
 
 from app.console.operator import Idle, since_boot_s
 from app.console.screens.after import AfterScreen
+from app.console.screens.dialogs import Question
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.signin import LockScreen
+from app.console.widgets.bars import StopBar
 from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, Effect, Event
 from app.system.config import Config
@@ -118,6 +120,36 @@ async def test_a_console_locks_when_its_computer_wakes(console: Opener, passes: 
         passes(NIGHT_S)
         await open_console.app.on_event(events.Key("down", None))  # that woke it
         await open_console.until(lambda: isinstance(open_console.app.screen, LockScreen))
+
+
+@pytest.mark.parametrize(
+    ("before", "key", "kind"), [((), "a", OperatorKind.ARM), (("k",), "y", OperatorKind.ACKNOWLEDGE)]
+)
+async def test_the_key_that_wakes_a_computer_commands_nothing(
+    console: Opener, passes: Passes, before: tuple[str, ...], key: str, kind: OperatorKind
+) -> None:
+    async with console() as open_console:
+        app, host = open_console.app, open_console.host
+        await open_console.press("c", "y")
+        await open_console.until(lambda: host.confirmed)
+        if before:
+            await open_console.press("space")
+            await open_console.until(lambda: OperatorKind.STOP in host.kinds())
+            await open_console.press(*before)
+            await open_console.until(lambda: isinstance(app.screen, Question))
+        passes(NIGHT_S)
+        await open_console.press(key)
+        await open_console.until(lambda: isinstance(app.screen, LockScreen))
+        assert kind not in host.kinds()
+
+
+@pytest.mark.parametrize("by", ["key", "click"])
+async def test_stop_acts_in_the_moment_a_computer_wakes(console: Opener, passes: Passes, by: str) -> None:
+    async with console() as open_console:
+        passes(NIGHT_S)
+        stop = open_console.press("space") if by == "key" else open_console.pilot.mouse_down(StopBar)
+        await stop
+        await open_console.until(lambda: OperatorKind.STOP in open_console.host.kinds())
 
 
 async def test_a_control_that_wakes_later_delays_the_lock_only_so_long(console: Opener, passes: Passes) -> None:

@@ -146,18 +146,19 @@ def test_no_key_is_unused() -> None:
 
 NAMED_KEYS = re.compile(
     r"acknowledge\.text|check\.(clear|patient|stop_inputs|vocabulary)\.remedy|distance\.proposed|picture\.paused"
-    r"|help\.(session|patients|stop)|patients\.title|sign_out\.session|VocabularyStatus\..*|Event\.NO_PREFLIGHT"
+    r"|help\.(session|patients|stop)|patients\.(search|title)|sign_in\.may_not|sign_out\.session"
+    r"|VocabularyStatus\..*|Event\.NO_PREFLIGHT"
 )
 
 
 @pytest.mark.parametrize("code", CODES)
 def test_a_key_that_can_be_remapped_is_named_by_its_place_in_the_table(code: str) -> None:
-    letter = re.compile(r"(?<![A-Za-z{'])[b-z](?![A-Za-z}])|space bar|空格")
+    letter = re.compile(r"(?<![A-Za-z{'])[b-z](?![A-Za-z}])|\bF\d|(?<= )/(?= )|space bar|空格", re.ASCII)
     found = {key: texts for key, texts in entries(code).items() if NAMED_KEYS.fullmatch(key)}
     assert len(found) > 15
     assert {key: letter.findall(text) for key, texts in found.items() for text in texts if letter.search(text)} == {}
     named = {name for texts in found.values() for name in fields_of(*texts)}
-    assert {"stop", "acknowledge", "confirm", "patients_vocabulary"} <= named
+    assert {"stop", "acknowledge", "confirm", "patients_search", "patients_vocabulary", "sign_out"} <= named
 
 
 def test_an_unknown_language_names_those_that_exist() -> None:

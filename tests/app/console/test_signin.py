@@ -53,9 +53,10 @@ async def test_real_joints_need_a_sign_in_and_a_second_ctrl_c(console: Opener, h
 async def test_a_reviewer_may_not_move_anybody(console: Opener, home: Home) -> None:
     store = add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN)
     save_store(home.keys, add_operator(store, "Rex", Role.REVIEWER, PIN))
-    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
+    config = Config(joints=JointsConfig(kind="can"), keys={"sign_out": "f9"})
+    async with console(profile=None, config=config) as open_console:
         await _begin_as(open_console, "Rex", PIN)
-        await open_console.tells("The role reviewer may not move a patient")
+        await open_console.tells("The role reviewer may not move a patient. Outside a session f9 signs out")
         assert open_console.app.live is None
 
 
