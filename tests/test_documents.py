@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 ROOT = Path(__file__).parents[1]
+CATALOGUES = tuple(sorted((ROOT / "app" / "text" / "locales").rglob("*.po")))
 DOCUMENTS = (ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").rglob("*.md")))
 _TABLE_RULE = re.compile(r"\|[-:| ]+\|")
 _LINK = re.compile(r"\]\(([^)#:]+)(?:#[^)]*)?\)")
@@ -33,3 +34,11 @@ def test_every_table_has_a_heading(document: Path) -> None:
     text = re.sub(r"^```.*?^```", "", document.read_text(encoding="utf-8"), flags=re.MULTILINE | re.DOTALL)
     tables = re.findall(r"(?:^\|.*\n)+", text, flags=re.MULTILINE)
     assert [table for table in tables if not _TABLE_RULE.fullmatch(([*table.splitlines(), ""])[1])] == []
+
+
+def test_a_pre_flight_is_never_asked_for_without_the_patient() -> None:
+    """Left out, it is the demo patient's: who types what stands there must not pass the wrong one."""
+    command = re.compile(r"^.*rleex simulate .*--preflight.*$", re.MULTILINE)
+    found = [line for path in (*DOCUMENTS, *CATALOGUES) for line in command.findall(path.read_text(encoding="utf-8"))]
+    assert len(found) >= 4
+    assert [line for line in found if not re.search(r"simulate all (-p|--profile) \S+ --preflight", line)] == []

@@ -40,10 +40,6 @@ def _press_zone(state: SessionState) -> bool:
     return report is None or report.press_zone is None or report.press_zone.fits(report.threshold_m)
 
 
-def _has_inputs(state: SessionState) -> bool:
-    return bool(state.setup.config.inputs)
-
-
 def _pressed_once(state: SessionState) -> bool:
     inputs = state.snapshot.stop_inputs if state.snapshot is not None else ()
     return bool(inputs) and all(one.pressed_once for one in inputs)
@@ -82,8 +78,8 @@ CHECKS = (
         applies=lambda state: state.vocabulary is not VocabularyStatus.NOT_NEEDED,
     ),
     Check("real_time", lambda state: state.snapshot is not None and state.snapshot.real_time.fifo, must=False),
-    Check("no_stop_input", _has_inputs, must=False, applies=lambda state: not _has_inputs(state)),
-    Check("stop_inputs", _pressed_once, operator=True, applies=_has_inputs),
+    Check("no_stop_input", lambda _: False, must=False, applies=lambda state: not state.has_stop_inputs),
+    Check("stop_inputs", _pressed_once, operator=True, applies=lambda state: state.has_stop_inputs),
     Check("patient", lambda state: state.snapshot is not None and state.snapshot.patient_confirmed, operator=True),
 )
 
@@ -170,6 +166,11 @@ def _holds(now: ControlSnapshot | None, legs: str) -> bool:
     return now is not None and now.effect is Effect.HOLD and legs_of(now) == legs
 
 
+def in_mid_movement(now: ControlSnapshot | None) -> bool:
+    """Whether a movement was cut short: only then gesture 0 follows the acknowledgement."""
+    return now is not None and now.state is GaitState.BETWEEN
+
+
 _FAULTS_OF_DRIVES = {Event.DRIVE_FAULT, Event.DRIVE_UNTRUSTED}
 
 
@@ -217,6 +218,7 @@ _STEPS: tuple[tuple[_Applies, str, str], ...] = (
     ),
     (lambda _, now: _holds(now, "off"), "off", "bold $error"),
     (lambda _, now: _holds(now, "damped"), "damped", "bold $error"),
+    (lambda _, now: _holds(now, "held") and not in_mid_movement(now), "held_at_rest", "bold $error"),
     (lambda _, now: _holds(now, "held"), "held", "bold $error"),
     (
         lambda _, now: now is not None and now.effect is Effect.PAUSE and now.action is not None,

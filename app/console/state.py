@@ -111,6 +111,13 @@ class SessionState:
         return tuple(sorted(found, key=lambda event: (event.acknowledged, -event.effect, -event.since_ns)))
 
     @property
+    def has_stop_inputs(self) -> bool:
+        """Whether stop buttons are connected: control knows; before its first snapshot, the configuration here may."""
+        if self.snapshot is not None:
+            return bool(self.snapshot.stop_inputs)
+        return bool(self.setup.config.inputs) and not self.setup.joints_elsewhere
+
+    @property
     def moving(self) -> bool:
         """Whether the legs move, or may as far as the console can know; a session that did not start moves none."""
         if self.snapshot is None or not self.snapshot_fresh:

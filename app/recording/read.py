@@ -42,7 +42,8 @@ class RecordingReadFault(Enum):
     NOT_MCAP = auto()  # path
     FOREIGN = auto()  # path
     NEWER = auto()  # path, version, known
-    NO_RECORDING = auto()  # name, folder, matches
+    NO_RECORDING = auto()  # name, folder
+    AMBIGUOUS = auto()  # name, folder, matches
     EMPTY = auto()  # path
     NO_PICTURES = auto()  # path
     NO_PATIENT = auto()  # path
@@ -101,8 +102,10 @@ def find_recording(folder: Path, named: str) -> Path:
         return given.with_suffix(RECORDING_SUFFIX)
     found = sorted(path for path in folder.glob(f"*{RECORDING_SUFFIX}") if not path.name.endswith(PICTURES_SUFFIX))
     matches = found[-1:] if named == "last" else [path for path in found if path.name.startswith(named)]
-    if len(matches) != 1:
-        raise AppError(RecordingReadFault.NO_RECORDING, name=named, folder=folder, matches=len(matches))
+    if not matches:
+        raise AppError(RecordingReadFault.NO_RECORDING, name=named, folder=folder)
+    if len(matches) > 1:
+        raise AppError(RecordingReadFault.AMBIGUOUS, name=named, folder=folder, matches=len(matches))
     return matches[0]
 
 

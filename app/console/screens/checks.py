@@ -108,11 +108,11 @@ class Checklist(Lists):
             self.refresh_bindings()
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002
-        """Rehearsals are for real joints, another threshold where one suits better; an observer changes nothing."""
+        """Rehearsals are for real joints here, a threshold where another suits better; an observer changes nothing."""
         app = self.console_app
         if action == "preflight":
-            real = app.live is not None and app.live.host.setup.config.joints.kind != "simulated"
-            return real and not app.read_only
+            setup = None if app.live is None or app.read_only else app.live.host.setup
+            return setup is not None and setup.config.joints.kind != "simulated" and not setup.joints_elsewhere
         return action != "use_threshold" or (suggested_m(app.live_state()) is not None and not app.read_only)
 
     def action_preflight(self) -> None:

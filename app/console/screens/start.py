@@ -61,12 +61,17 @@ class StartSession(ConsoleScreen):
             if config.joints.host:
                 joints = [(f"{tr('joints.host')}: {config.joints.host}", config.joints.kind)]
             yield Select(joints, value=config.joints.kind, allow_blank=False, id="joints-kind", compact=True)
-            yield Label(tr("start.preflight"), classes="hint")
+            if not config.joints.host:
+                yield Label(tr("start.preflight"), classes="hint")
             yield Button(tr("start.begin"), id="begin", variant="primary")
         yield from self.compose_bottom()
 
     def on_mount(self) -> None:
         self.query_one("#begin").focus()
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002
+        """Another computer's joints go by the pre-flights that it has on record, for its own device."""
+        return action != "preflight" or not self.console_app.config.joints.host
 
     @on(Select.Changed, "#camera")
     def show_device(self, event: Select.Changed) -> None:

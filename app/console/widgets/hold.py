@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from app.console.guidance import ENDINGS, legs_of, needs_torque_off, process_ended
+from app.console.guidance import ENDINGS, in_mid_movement, legs_of, needs_torque_off, process_ended
 from app.console.state import SessionState
 from app.console.widgets.curves import joint_fault
 from app.console.widgets.panel import Lines, Panel, cells, plain, wrapped
@@ -62,7 +62,7 @@ def _next(state: SessionState, snapshot: ControlSnapshot, *, watching: bool) -> 
         return "guide.drive_held" if legs == "held" else "hold.torque_off_key"
     if any(event.present and event.effect >= Effect.HOLD and event.event not in _BY_KEYS for event in state.events):
         return "hold.wait"
-    return _KEYS[legs]
+    return "hold.off_key" if legs == "held" and not in_mid_movement(snapshot) else _KEYS[legs]
 
 
 def _sequence(state: SessionState, snapshot: ControlSnapshot, width: int) -> list[str]:

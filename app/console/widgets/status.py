@@ -34,7 +34,7 @@ def status_line(state: SessionState, width: int, health_key: str) -> Lines:
     kept["place"] = (f" {place} ", "$foreground-muted")
     kept["joints"] = (f" {tr(f'joints.{kind}')} ", "$foreground-muted")
     kept["joints_short"] = (f" {tr(f'joints_short.{kind}')} ", "$foreground-muted")
-    if not (config.inputs or (snapshot is not None and snapshot.stop_inputs)):
+    if not state.has_stop_inputs:
         wording = tr("status.no_stop_input" if width >= _WIDE_CELLS else "status.no_stop_input_short")
         kept["button"] = (f" {wording} ", "$warning")
     if state.voice is not None:

@@ -284,6 +284,32 @@ async def test_the_checks_of_simulated_joints_have_nothing_to_rehearse(console: 
         assert not isinstance(open_console.app.screen, Preflight)
 
 
+THERE = JointsConfig(kind="can", host="exo.local:7447")
+
+
+async def test_the_start_screen_offers_no_pre_flight_where_another_computer_has_the_joints(console: Opener) -> None:
+    async with console(profile=None, config=Config(joints=THERE), size=(130, 40)) as open_console:
+        await open_console.shows("demo")
+        await open_console.press("enter")
+        await open_console.shows("Begin (Enter)")
+        assert [text for text in ("F5", "f5", "re-flight") if text in open_console.text()] == []
+        open_console.app.signed_in = signed_in(open_console.app.home)
+        await open_console.press("f5")
+        assert isinstance(open_console.app.screen, StartSession)
+
+
+async def test_nor_do_the_checks(console: Opener) -> None:
+    async with console(size=(130, 40)) as open_console:
+        setup = open_console.host.setup
+        config = msgspec.structs.replace(setup.config, joints=THERE)
+        open_console.host.setup = msgspec.structs.replace(setup, config=config)
+        await open_console.press("s")
+        await open_console.shows("Before arming")
+        assert "re-flight" not in open_console.text()
+        await open_console.press("p")
+        assert not isinstance(open_console.app.screen, Preflight)
+
+
 @pytest.mark.parametrize("key", ["ctrl+s", "f5"])
 async def test_joints_that_an_input_does_not_suit_are_refused_in_a_sentence(console: Opener, key: str) -> None:
     pedal = InputDevice(name="pedal", role=InputRole.WEARER, kind="simulated")

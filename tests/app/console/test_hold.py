@@ -17,10 +17,11 @@ from app.console.widgets.curves import Curves, draw_joints
 from app.console.widgets.health import Health, health_dot, health_lines, health_of
 from app.console.widgets.hold import held, hold_lines
 from app.console.widgets.wearer import FigurePanel
+from app.control.gait.machine import Gait, allowed
 from app.ipc.messages import Lateness, ProcessStatus, RealTime
 from app.ipc.states import GESTURE_OF, Action, Effect, Event, GaitState
 from app.motion.wearer import load_wearer
-from app.text.catalogue import tr
+from app.text.catalogue import tr, use_language
 from hal.errors import CameraFault
 from hal.joints.device import Joint
 from hal.joints.protocol import DriveFault
@@ -81,7 +82,7 @@ async def test_it_leaves_with_the_acknowledgement(console: Opener) -> None:
     async with console() as opened:
         await opened.press("space")
         await opened.shows("What happened")
-        await opened.shows("The legs stand stiffly")
+        await opened.shows("The legs are held stiffly")
         await opened.press("k", "y")
         await opened.until(lambda: "What happened" not in opened.text())
 
@@ -175,6 +176,19 @@ def test_joints_without_power_are_not_to_be_switched_off(cause: Event) -> None:
     assert next_step(state)[0] == "off"
 
 
+@pytest.mark.parametrize("state", [state for state in GaitState if state is not GaitState.UNPOWERED])
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_gesture_0_is_named_as_the_next_key_only_where_it_is_granted(state: GaitState, language: str) -> None:
+    use_language(language)
+    stopped = changed(effect=Effect.HOLD, state=state, events=(event(Event.STOP, Effect.HOLD),))
+    granted = Action.INITIALISE in allowed(Gait(state=state))
+    key = text_of(hold_lines(stopped, KEYS, 300, 20, watching=False)).partition("▶")[2]
+    zero = tr(Action.INITIALISE), tr("bind.hand.zero").lower()
+    assert KEYS["acknowledge"] in key
+    assert any(text in key.lower() for text in zero) is granted
+    assert any(text in tr(f"guide.{next_step(stopped)[0]}", **KEYS).lower() for text in zero) is granted
+
+
 def test_legs_that_never_had_power_are_not_said_to_stand() -> None:
     events = (event(Event.STOP, Effect.HOLD),)
     state = changed(effect=Effect.HOLD, enabled=False, state=GaitState.UNPOWERED, events=events)
@@ -226,7 +240,7 @@ def test_a_fault_that_stays_until_the_joints_are_off_names_the_way_there(
         shown = " ".join(text_of(hold_lines(state, keys, 76, 20, watching=False)).split())
         assert (tr(text, **keys) in shown) is lasts
         assert (tr("hold.wait", **keys) in shown) is not lasts
-        assert next_step(state)[0] == ("damped" if effect is Effect.DAMP else "drive_held" if lasts else "held")
+        assert next_step(state)[0] == ("damped" if effect is Effect.DAMP else "drive_held" if lasts else "held_at_rest")
 
 
 def test_joints_that_are_silent_with_their_bus_need_it_opened_anew() -> None:

@@ -12,11 +12,13 @@ from app.console.screens.checks import check_lines
 from app.console.state import SessionState
 from app.console.widgets.status import status_line
 from app.ipc.messages import StopInputSnapshot
+from app.system.config import JointsConfig
 from app.text.catalogue import tr, use_language
 from hal.inputs.device import InputDevice, InputRole
 from tests.app.console.test_sizes import KEYS, MOVING, READY, STOPPED, text_of
 
 PENDANT = InputDevice(name="pendant", role=InputRole.WEARER, kind="simulated")
+THERE = JointsConfig(host="exo.local:7447")
 
 
 def with_pendant(state: SessionState, *, is_open: bool = False, pressed_once: bool = False) -> SessionState:
@@ -71,3 +73,44 @@ def test_a_connected_button_is_to_be_pressed_once_before_arming(is_open: bool, p
     assert "No stop button connected" not in text
     assert ready(with_pendant(READY, pressed_once=True)) is ready(READY)
     assert not ready(with_pendant(READY))
+
+
+def elsewhere(state: SessionState) -> SessionState:
+    """The state with the joints, and so the stop buttons, on another computer."""
+    config = msgspec.structs.replace(state.setup.config, joints=THERE)
+    return replace(state, setup=msgspec.structs.replace(state.setup, config=config))
+
+
+def without_reported(state: SessionState) -> SessionState:
+    """The state with control telling of no button, whatever this computer's configuration describes."""
+    assert state.snapshot is not None
+    return replace(state, snapshot=msgspec.structs.replace(state.snapshot, stop_inputs=()))
+
+
+def only_reported(state: SessionState) -> SessionState:
+    """The state with control telling of a button that this computer's configuration does not describe."""
+    config = msgspec.structs.replace(state.setup.config, inputs=())
+    return replace(state, setup=msgspec.structs.replace(state.setup, config=config))
+
+
+@pytest.mark.parametrize(
+    ("state", "connected"),
+    [
+        (only_reported(with_pendant(READY)), True),
+        (without_reported(with_pendant(READY)), False),
+        (replace(with_pendant(READY), snapshot=None), False),  # nothing is known of the other computer yet
+    ],
+    ids=["there alone", "here alone", "before control's first word"],
+)
+def test_of_two_computers_the_one_with_the_joints_has_the_stop_buttons(state: SessionState, connected: bool) -> None:
+    use_language("en")
+    state = elsewhere(state)
+    assert ("no_stop_input" in results(state), "stop_inputs" in results(state)) == (not connected, connected)
+    assert (tr("status.no_stop_input") in text_of(status_line(state, 200, "i"))) is not connected
+
+
+def test_before_controls_first_word_this_computers_configuration_says_what_is_connected() -> None:
+    use_language("en")
+    state = replace(with_pendant(READY), snapshot=None)
+    assert "stop_inputs" in results(state)
+    assert tr("status.no_stop_input") not in text_of(status_line(state, 200, "i"))

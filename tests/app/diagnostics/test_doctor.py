@@ -126,8 +126,21 @@ def test_keys_that_others_may_read_are_bad(tmp_path: Path) -> None:
     home = Home(tmp_path)
     home.keys.mkdir()
     home.keys.chmod(0o755)
-    grades = [finding.grade for finding in doctor.check_disk(home)]
+    grades = [finding.grade for finding in doctor.check_disk(home, Config())]
     assert grades[-1] is Grade.BAD
+
+
+@pytest.mark.parametrize(
+    ("joints", "grade"),
+    [
+        (JointsConfig(kind="can"), Grade.BAD),  # 4 h of bus logs
+        (JointsConfig(), Grade.GOOD),
+        (JointsConfig(kind="can", host="exo.local:7447"), Grade.GOOD),  # they are written there
+    ],
+)
+def test_where_buses_are_logged_a_disk_must_last_a_day(tmp_path: Path, joints: JointsConfig, grade: Grade) -> None:
+    found = one(doctor.check_disk(Home(tmp_path), Config(joints=joints), lambda _: 3_000_000_000))
+    assert found.grade is grade
 
 
 class StillContact:
@@ -173,6 +186,13 @@ def test_a_stop_button_that_cannot_be_opened_says_why() -> None:
 
 def test_without_a_stop_button_it_is_said() -> None:
     assert one(doctor.check_stop_buttons(Config())).what.code == key_of(F.NO_STOP_BUTTON)
+
+
+def test_stop_buttons_are_judged_where_the_joints_are() -> None:
+    pedal = InputDevice(name="pedal", role=InputRole.THERAPIST, kind="evdev", device="/dev/input/none", key="KEY_B")
+    there = JointsConfig(host="exo.local:7447")
+    for inputs in ((), (pedal,)):
+        assert list(doctor.check_stop_buttons(Config(joints=there, inputs=inputs))) == []
 
 
 def test_joints_on_can_are_examined(tmp_path: Path) -> None:

@@ -24,6 +24,7 @@ from app.recording.read import RecordingReadFault, find_recording, messages, sur
 from app.recording.schemas import CompressedImage
 from app.system.errors import AppError
 from app.system.paths import Home, pictures_path, recording_path
+from app.text.catalogue import render, use_language
 from hal.cameras.camera import Frame, Intrinsics, IntrinsicsSource
 from logs.journal import CHANGES
 from logs.read import records
@@ -238,6 +239,24 @@ def test_pictures_are_no_recording_of_their_own(tmp_path: Path) -> None:
     assert find_recording(home.logs, "s1") == recording_path(home.logs, "s1")
     assert find_recording(home.logs, str(home.logs / "s1.jsonl")) == recording_path(home.logs, "s1")
     assert find_recording(home.logs, "last") == recording_path(home.logs, "s2")
+
+
+@pytest.mark.parametrize(
+    ("named", "fault", "begins"),
+    [
+        ("s", RecordingReadFault.AMBIGUOUS, "{folder} has 2 recordings whose name begins with s."),
+        ("nobody", RecordingReadFault.NO_RECORDING, "{folder} has no recording named nobody."),
+    ],
+)
+def test_a_name_that_begins_several_recordings_or_none_is_refused(
+    tmp_path: Path, named: str, fault: RecordingReadFault, begins: str
+) -> None:
+    use_language("en")
+    home = home_with(tmp_path)
+    with pytest.raises(AppError) as caught:
+        find_recording(home.logs, named)
+    assert caught.value.code is fault
+    assert render(caught.value).startswith(begins.format(folder=home.logs))
 
 
 def test_a_consent_withdrawn_later_deletes_them_on_record(tmp_path: Path) -> None:
