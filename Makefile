@@ -18,7 +18,7 @@ SERIAL = $(shell grep -rlF pytest.mark.serial --include='test_*.py' tests)
 # A test that hangs ends its worker after a while (pyproject.toml); a new worker would begin with it again.
 PYTEST = $(BIN)/python -m pytest -q --max-worker-restart 0
 
-.PHONY: run demo test test-can test-spark check lock evaluate bench mutation coverage pictures system model clean
+.PHONY: run demo test compile-tests test-can test-spark check lock evaluate bench mutation coverage pictures system model clean
 
 run: model
 	@$(BIN)/rleex run
@@ -29,7 +29,7 @@ demo: model
 # Checking types, the guest's kernel and Spark take one core each: beside one another, and what each prints comes whole.
 test: $(SPARK_STAMP) model
 	@echo "Checks, the tests on a kernel's CAN bus and those on a Spark cluster (2 min) …"
-	@$(MAKE) --no-print-directory -j2 --output-sync=line check test-can test-spark
+	@$(MAKE) --no-print-directory -j2 --output-sync=line check compile-tests test-can test-spark
 	@$(PYTEST) -m "not serial" -n $(WORKERS) --dist loadfile
 	@$(PYTEST) -m serial -n 2 --dist loadgroup $(SERIAL)
 
@@ -38,6 +38,10 @@ check: $(DEV_STAMP)
 	@$(BIN)/ruff format --check .
 	@$(BIN)/mypy app hal kgdfa logs profiles testing tests tools
 	@$(BIN)/lint-imports --no-logo
+
+# Else each of the workers compiles them at the same moment.
+compile-tests: $(DEV_STAMP)
+	@$(PYTEST) --collect-only -p no:syrupy | tail -n 1
 
 test-can: $(DEV_STAMP) model
 	@tools/test-can

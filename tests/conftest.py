@@ -33,6 +33,11 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+def pytest_unconfigure() -> None:
+    """Else DuckDB's module reports what is frozen as its leak, in dozens of lines."""
+    gc.unfreeze()
+
+
 @pytest.fixture(autouse=True, scope="session")
 def _home_of_nobody(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     """The user's own home has a language and more; the hand model is all that a test takes from it."""
