@@ -64,7 +64,7 @@ def subjects(home: Path, tools: Path) -> dict[str, Subject]:
             command=(*console, str(home / "rest")),
             painted="STOP",
             key=b"\x1bOP",
-            page="Everyone of this home",
+            page="All patients on this computer",
             end=b"\x03",
             own_traffic=True,
             live_command=(*console, str(home / "live")),

@@ -107,9 +107,9 @@ def expire(
         print_text(key, path=one.path, days=one.age.days, session=one.after)
     wanted = [one.path for one in found if not one.after]
     if wanted and not yes:
-        typer.confirm(tr("recording.expire", files=len(wanted)), abort=True)
+        typer.confirm(tr("recording.expire", count=len(wanted)), abort=True)
     deleted = [path for path in wanted if _delete(path, by)]
-    print_text("recording.expired", files=len(deleted), days=keep_days)
+    print_text("recording.expired", count=len(deleted), days=keep_days)
 
 
 def _delete(path: Path, by: Authority) -> bool:

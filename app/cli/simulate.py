@@ -62,7 +62,7 @@ def simulate(
     preflight: Annotated[bool, typer.Option(help="Keep the verdicts as this patient's pre-flight.")] = False,
     home: HomeOption = None,
 ) -> None:
-    """Rehearse an action in simulation through planner, follower and guard; exit status 1 when it does not pass."""
+    """Simulate an action through planner, follower and guard; exit status 1 when it does not pass."""
     from app.evaluate.harness import write_json
     from app.evaluate.loop.rehearsal import profile_named, read_norm, verdict_table
 

@@ -78,13 +78,18 @@ def command(arguments: Sequence[str] | None = None) -> TyperCommand | TyperGroup
 
 
 def _set_help(command: TyperCommand | TyperGroup, text: Callable[[str], str]) -> None:
+    from app.text.catalogue import tr
+
     command.help = text(command.help) if command.help else None
-    for parameter in command.params:
-        if isinstance(parameter, TyperArgument | TyperOption) and parameter.help:
-            parameter.help = text(parameter.help)
+    shown = [*command.params, command.get_help_option(typer.Context(command))]  # typer makes --help, in English
+    for parameter in shown:
+        if isinstance(parameter, TyperArgument | TyperOption):
+            parameter.help = text(parameter.help) if parameter.help else None
+            parameter.rich_help_panel = tr("cli.options" if isinstance(parameter, TyperOption) else "cli.arguments")
     if isinstance(command, TyperGroup):
         for part in command.commands.values():
             assert isinstance(part, TyperCommand | TyperGroup)
+            part.rich_help_panel = tr("cli.commands")
             _set_help(part, text)
 
 

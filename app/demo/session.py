@@ -219,7 +219,7 @@ def print_result(console: Console, result: SessionResult, scenario: Sequence[Ste
     if release is not None:
         console.print(tr("demo.response", median_ms=release.p50, p99_ms=release.p99))
     if result.pauses.count:
-        console.print(tr("demo.pauses", times=result.pauses.count, total_s=result.pauses.total_s))
+        console.print(tr("demo.pauses", count=result.pauses.count, total_s=result.pauses.total_s))
     if result.load:
         console.print(tr("demo.load", count=result.load))
     console.print(tr("demo.fps", fps=result.perception_fps))

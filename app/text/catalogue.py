@@ -176,7 +176,7 @@ class _Units(Formatter):
     def format_field(self, value: object, format_spec: str) -> str:
         if format_spec == "in_brackets":
             text = "" if value is _ABSENT else _text(value).rstrip(".。")
-            return f" ({text})" if text else ""
+            return tr("text.in_brackets", text=text) if text else ""
         if value is _ABSENT:
             raise KeyError("detail")
         unit, _, digits = format_spec.partition(".")

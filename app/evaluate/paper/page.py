@@ -14,7 +14,7 @@ from app.evaluate.distance.table5 import FIRST_HAND as FIRST_RULER
 from app.evaluate.distance.table5 import PAPER_TABLE_5
 from app.evaluate.gestures.report import PAPER_MACRO_F1, PAPER_MAP, PAPER_TABLE_3
 from app.evaluate.harness import MODES, decimals, decorate, figure, require_extra, write_whole
-from app.evaluate.loop.speed import BARE, PAPER_PARAMETERS, PAPER_TABLE_4, WHOLE
+from app.evaluate.loop.speed import BARE, PAPER_TABLE_4, WHOLE
 from app.evaluate.loop.table7 import PAPER, PAPER_OVERALL
 from app.evaluate.paper.make import Run, figures_file, read_as, run_file
 from app.evaluate.trigger.table6 import CAMERAS, FIRST_HAND, PAPER_FPS, PAPER_TABLE_6
@@ -60,9 +60,8 @@ def _table_4(figures: dict[str, Any]) -> Sheet:
         adds = one["multiply_adds"]
         found = 100 * one["hands"] / figures["frames"]
         rows.append((label, one["parameters"] / 1e6, adds and adds / 1e9, one["ms"], 1000 / one["ms"], found))
-    for name, (_, fps) in PAPER_TABLE_4.items():
-        parameters = PAPER_PARAMETERS / 1e6 if name == "KGDFA" else None
-        rows.append((tr("evaluate.paper_row", name=name), parameters, None, 1000 / fps, float(fps), None))
+    for name, (_, millions, frame_s, fps) in PAPER_TABLE_4.items():
+        rows.append((tr("evaluate.paper_row", name=name), millions, None, 1000 * frame_s, float(fps), None))
     ratio = tr("evaluate.paper.ratio", ratio=f"{figures['ratio']:.3f}", frames=figures["frames"])
     columns = ("detector", "parameters", "multiply_adds", "ms", "fps", "hands")
     return Sheet(columns, tuple(rows), _series(rows, {"fps": 4}), "detector", (ratio,))
@@ -106,7 +105,10 @@ def _table_7(figures: dict[str, Any]) -> Sheet:
     last = (tr("evaluate.paper.mean"), figures["trials"], *overall, *times)
     series = _series(rows, {"paper": 2, "robust": 3})
     columns = ("gesture", "attempts", "success_paper", "success", "response_paper", "response")
-    notes = [tr("evaluate.paper.unintended", unintended=figures["unintended"], sessions=figures["sessions"])]
+    notes = [
+        tr("evaluate.paper.unintended", unintended=figures["unintended"], sessions=figures["sessions"]),
+        tr("evaluate.paper.average", **PAPER_OVERALL),
+    ]
     programs = tuple(program[:12] for program in figures.get("programs", ()))
     if len(programs) > 1:
         notes.append(tr("evaluate.paper.programs", count=len(programs), programs=programs))

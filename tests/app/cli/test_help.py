@@ -43,6 +43,15 @@ def test_every_help_is_translated(language: str) -> None:
     assert [text for text, other in zip(english, translated, strict=True) if text and text == other] == []
 
 
+def test_what_typer_writes_around_a_help_is_translated(capsys: pytest.CaptureFixture[str]) -> None:
+    use_language("zh")
+    for arguments in (["profile", "--help"], ["profile", "set", "--help"]):
+        command(arguments).main(arguments, prog_name="rleex", standalone_mode=False)
+    shown = capsys.readouterr().out
+    assert [word for word in ("Options", "Arguments", "Commands", "Show this message") if word in shown] == []
+    assert all(word in shown for word in ("选项", "参数", "命令", "显示此帮助并退出"))
+
+
 @pytest.mark.parametrize(("encoding", "shown"), [("latin-1", "\\u505c"), ("utf-8", "停")])
 def test_an_encoding_without_a_character_gets_its_code(encoding: str, shown: str) -> None:
     command = [sys.executable, "-c", "from app.cli import main; main()", "evaluate", "voice", "--help"]

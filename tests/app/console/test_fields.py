@@ -105,7 +105,7 @@ def _typable(path: str) -> bool:
     [
         ("stature_cm", "en", "Stature (cm)"),
         ("gait.step_length_cm", "zh", "步长 (cm)"),
-        ("hip_max_deg", "en", "Hip flexes at most (°)"),
+        ("hip_max_deg", "en", "Maximum hip flexion (°)"),
         ("dose.steps", "en", "Steps"),
         ("schema", "en", "schema"),
     ],

@@ -649,7 +649,7 @@ async def test_the_console_locks_over_whatever_is_open(console: Opener, opens: s
         before = open_console.app.screen
         await open_console.until(lambda: open_console.app.screen is not open_console.app.screen_stack[0])
         await open_console.press("ctrl+l")
-        await open_console.shows("Press Enter to go on. STOP works as ever.")
+        await open_console.shows("Press Enter to go on. STOP still works.")
         await open_console.press("ctrl+l", "enter")
         await open_console.until(lambda: open_console.app.screen is before)
 

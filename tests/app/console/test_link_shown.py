@@ -98,7 +98,7 @@ def test_figures_of_a_link_whose_process_is_silent_are_not_shown_as_current(age_
 def test_why_there_is_no_session_takes_the_place_of_events() -> None:
     fault = reason(LinkFault.NOBODY_ANSWERS, host="exo.local:7447", limit_s=5.0)
     (line,) = event_lines(folded(link=with_fields(LINK, fault=fault)))
-    assert "Nobody answers at exo.local:7447" in line[0][0]
+    assert "No answer from exo.local:7447" in line[0][0]
 
 
 @pytest.mark.parametrize(("sent_ns", "waits_ms"), [(0, 0.0), (900 * MS, 100.0)])

@@ -47,7 +47,7 @@ async def test_a_patients_page_shows_each_measure_over_sessions(console: Opener,
         await open_console.shows("2 sessions, ")
         text = open_console.app.screen.query_one("#measures", Panel).text
         assert f"speed, m/s  {first.speed_m_s:.3f} → {second.speed_m_s:.3f}" in text
-        assert "smallest important change: ±0.160, not reached" in text
+        assert "minimal important change: ±0.160, not reached" in text
         assert "smallest detectable change: ±0.067, reached" in text  # step lengths
         await open_console.press("escape")
         await open_console.until(lambda: isinstance(open_console.app.screen, PatientsScreen))
@@ -84,10 +84,10 @@ def series(*values: float | None, field: str = "") -> Series:
 @pytest.mark.parametrize(
     ("values", "says"),
     [
-        ((0.10, 0.30), "speed, m/s  0.10 → 0.30  (+0.20)\nsmallest important change: ±0.16, reached"),
-        ((0.30, 0.10), "speed, m/s  0.30 → 0.10  (-0.20)\nsmallest important change: ±0.16, reached"),
-        ((None, 0.30, None, 0.35), "speed, m/s  0.30 → 0.35  (+0.05)\nsmallest important change: ±0.16, not reached"),
-        ((None, 0.30), "speed, m/s  0.30\nsmallest important change: ±0.16"),
+        ((0.10, 0.30), "speed, m/s  0.10 → 0.30  (+0.20)\nminimal important change: ±0.16, reached"),
+        ((0.30, 0.10), "speed, m/s  0.30 → 0.10  (-0.20)\nminimal important change: ±0.16, reached"),
+        ((None, 0.30, None, 0.35), "speed, m/s  0.30 → 0.35  (+0.05)\nminimal important change: ±0.16, not reached"),
+        ((None, 0.30), "speed, m/s  0.30\nminimal important change: ±0.16"),
     ],
 )
 def test_the_figures_say_how_far_it_came(values: tuple[float | None, ...], says: str) -> None:

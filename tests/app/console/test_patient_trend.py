@@ -125,7 +125,7 @@ def _shown_changes(after: Profile) -> tuple[str, str]:
     ("language", "hand", "archived", "vocabulary"),
     [
         ("en", ("Hand used", "right → left", "left"), ("Archived", "No → Yes", "Yes"), "0 1 love"),
-        ("zh", ("用手", "右 → 左", "左"), ("已归档", "否 → 是", "是"), "0 1 love"),
+        ("zh", ("发令手", "右 → 左", "左"), ("已归档", "否 → 是", "是"), "0 1 love"),
     ],
 )
 def test_a_change_is_told_in_the_words_of_the_form(

@@ -83,7 +83,7 @@ def test_a_session_is_told_from_its_start_to_a_stop_and_on() -> None:
     assert told.hear() == ()
     told.host.send(OperatorKind.STOP)
     stopped = told.hear()
-    assert stopped[0] == "Legs held, gestures paused until the therapist acknowledges."
+    assert stopped[0] == "Legs held, gestures blocked until the therapist acknowledges."
     assert stopped[1].startswith("legs held: STOP")
     told.host.send(OperatorKind.ACKNOWLEDGE)
     assert "Acknowledged." in told.hear()

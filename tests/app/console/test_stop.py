@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import pytest
 from hypothesis import given
@@ -15,8 +15,10 @@ from app.console.stop import DOUBLE_CLICK_NS, REPEAT_BEGINS_NS, REPEAT_GAP_NS, P
 from app.console.widgets.bars import StopBar
 from app.ipc.messages import OperatorKind
 from app.ipc.states import Effect, Event
+from app.link.clock import ClockEstimate, localized
+from app.session.host import Latest
 from app.text.catalogue import render, tr
-from testing.fake_host import event
+from testing.fake_host import FakeHost, event
 from tests.app.console.conftest import Opener
 
 MS = 1_000_000
@@ -105,7 +107,7 @@ async def test_below_the_palette_the_session_goes_on_showing_what_stop_did(conso
         await open_console.shows(" ARMED  standing")
         await open_console.press("ctrl+p", "w", "space")
         await open_console.shows("HELD")
-        await open_console.shows("ARMED, PAUSED")
+        await open_console.shows("ARMED, BLOCKED")
         await open_console.until(lambda: time.monotonic_ns() - app.switch.sent_ns > REPEAT_BEGINS_NS)
         await open_console.press("space")
         await open_console.until(lambda: host.kinds().count(OperatorKind.STOP) == 2)
@@ -135,7 +137,7 @@ async def test_armed_gestures_wait_until_a_stop_is_acknowledged(console: Opener)
         await open_console.press("c", "y", "a", "t", "0")
         await open_console.shows(" ARMED  standing")
         await open_console.press("space")
-        await open_console.shows("ARMED, PAUSED")
+        await open_console.shows("ARMED, BLOCKED")
         await open_console.press("k", "y")
         await open_console.shows(" ARMED  between states")
 
@@ -192,6 +194,35 @@ async def test_what_came_while_it_was_asked_is_shown_before_it_is_acknowledged(c
         await open_console.shows(render(later.reason)[:40])
         assert OperatorKind.ACKNOWLEDGE not in host.kinds()
         await open_console.press("y")
+        await open_console.until(lambda: OperatorKind.ACKNOWLEDGE in host.kinds())
+
+
+@dataclass
+class LinkedHost(FakeHost):
+    """With control behind a link: each snapshot's moments are told by the clock as it is known then."""
+
+    polls: int = 0
+
+    def poll(self) -> Latest:
+        latest = super().poll()
+        self.polls += 1
+        known = ClockEstimate(0, 0, self.polls)
+        return latest if latest.snapshot is None else replace(latest, snapshot=localized(latest.snapshot, known))
+
+
+async def test_an_event_of_a_second_computer_is_acknowledged_with_the_first_yes(console: Opener) -> None:
+    async with console(host=LinkedHost) as open_console:
+        app, host = open_console.app, open_console.host
+        await open_console.press("space")
+        await open_console.shows("HELD")
+        before = app.live_state()
+        await open_console.press("k")
+        await open_console.until(lambda: isinstance(app.screen, Question) and app.screen.composed)
+        await open_console.until(lambda: (state := app.live_state()) and before and state.events != before.events)
+        asked = app.screen
+        await open_console.press("y")
+        await open_console.until(lambda: app.screen is not asked)
+        assert not isinstance(app.screen, Question)
         await open_console.until(lambda: OperatorKind.ACKNOWLEDGE in host.kinds())
 
 

@@ -11,6 +11,7 @@ from app.console.widgets.hand import draw_hand
 from app.console.widgets.panel import Lines, cells
 from app.ipc.messages import OperatorKind, TriggerReport
 from app.system.paths import Home
+from app.text.catalogue import tr
 from kgdfa.features import Measure
 from kgdfa.gesture import FINGER_STATES, Decision, Explanation, Finger, FingerState, Gesture
 from kgdfa.robust import Limit
@@ -56,7 +57,17 @@ def test_all_twelve_come_to_an_end() -> None:
         assert lesson.target is gesture
         lesson = advance(lesson, report(release_count=index + 1, released_gesture=gesture))
     assert lesson.target is None
-    assert "twelve" in feedback(lesson, None)[0][0][0]
+    assert feedback(lesson, None)[0][0][0] == tr("training.finished")
+
+
+def test_who_skipped_every_gesture_is_not_said_to_have_shown_them() -> None:
+    lesson = Lesson()
+    for _ in LESSONS:
+        lesson = lesson.skipped()
+    assert lesson.learnt == 0
+    text = feedback(lesson, None)[0][0][0]
+    assert "last gesture" in text
+    assert "shown" not in text
 
 
 def test_the_wrong_finger_is_named() -> None:
@@ -170,7 +181,7 @@ async def test_the_best_row_is_kept_for_the_patient(console: Opener, home: Home)
         for index, gesture in enumerate(LESSONS[:2], start=1):
             open_console.host.message = report(release_count=index, released_gesture=gesture)
             await open_console.shows(f"Training of demo {index}/12")
-        await open_console.shows("new record 2")
+        await open_console.shows("new best 2")
         await open_console.press("e")
         await open_console.shows("Patients")
     assert [(record.best, record.learnt) for record in kept.of("demo")] == [(1, 1), (2, 2)]

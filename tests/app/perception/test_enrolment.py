@@ -77,7 +77,7 @@ def test_the_arm_comes_from_where_the_camera_sees_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("language", "told"), [("en", "left hand; the right one commands"), ("zh", "这是左手；由右手发出指令")]
+    ("language", "told"), [("en", "left hand; the right one commands"), ("zh", "这是左手；由右手发出命令")]
 )
 def test_the_wrong_hand_is_told_in_both_languages(language: str, told: str) -> None:
     use_language(language)

@@ -80,7 +80,7 @@ def test_the_keeping_time_takes_files_and_leaves_trails(home: Home) -> None:
     assert {(one.subject, one.name) for one in changes} == {("recording", path.name) for path in gone}
     code, text = expire(home)
     assert code == 0, "there is nothing to ask about"
-    assert tr("recording.expired", files=0, days=KEEP_DAYS) in text
+    assert tr("recording.expired", count=0, days=KEEP_DAYS) in text
 
 
 def test_without_a_keeping_time_nothing_is_deleted(home: Home) -> None:
@@ -100,8 +100,15 @@ def test_what_would_go_is_listed_with_its_age_and_asked_about(home: Home, answer
     for path in paths:
         assert tr("recording.old", path=path, days=45) in text
         assert path.exists() is (code == 1)
-    assert tr("recording.expire", files=2) in text
+    assert tr("recording.expire", count=2) in text
     assert bool(list(home.root.rglob(CHANGES))) is (code == 0)
+
+
+def test_one_file_is_asked_about_and_told_of_as_one(home: Home) -> None:
+    with_files(recording_path(home.logs, ago(45)))
+    _, text = expire(home, answer="y\n")
+    assert "Delete this file?" in text
+    assert "1 file older than" in text
 
 
 def test_what_a_running_session_writes_is_not_deleted(home: Home) -> None:
@@ -114,7 +121,7 @@ def test_what_a_running_session_writes_is_not_deleted(home: Home) -> None:
     for path in paths:
         assert path.exists()
         assert tr("recording.running", path=path) in text
-    assert tr("recording.expired", files=0, days=KEEP_DAYS) in text
+    assert tr("recording.expired", count=0, days=KEEP_DAYS) in text
     assert not list(home.root.rglob(CHANGES)), "nothing is on record that did not happen"
     assert all(writer.finish() for writer in writers)
     assert expire(home, "--yes")[0] == 0

@@ -20,7 +20,7 @@ CAMERA = {"camera": "C1", "width_px": 640, "height_px": 480, "focal_px": 600.0, 
 @pytest.mark.parametrize(
     ("record", "values", "text"),
     [
-        ("StopInput", STOPPED, "停止按钮 P1（硬接线停止）断开"),
+        ("StopInput", STOPPED, "停止按钮 P1（急停）断开"),
         ("StopInput", STOPPED | {"role": "wearer", "contact": "closed"}, "停止按钮 P1（穿戴者）闭合"),
         ("StopInput", STOPPED | {"role": "therapist", "contact": "silent"}, "停止按钮 P1（治疗师）无应答"),
         ("SignIn", {"name": "Ada", "role": "engineer"}, "Ada 以 工程师 身份登录"),
