@@ -26,10 +26,10 @@ run: model
 demo: model
 	@$(BIN)/rleex demo
 
-# Checking types, the guest's kernel and Spark take one core each: beside one another, and what each prints comes whole.
+# None of them fills a core for long: beside one another, and what each prints comes whole.
 test: $(SPARK_STAMP) model
 	@echo "Checks, the tests on a kernel's CAN bus and those on a Spark cluster (2 min) …"
-	@$(MAKE) --no-print-directory -j2 --output-sync=line check compile-tests test-can test-spark
+	@$(MAKE) --no-print-directory -j3 --output-sync=line test-can check compile-tests test-spark
 	@$(PYTEST) -m "not serial" -n $(WORKERS) --dist loadfile
 	@$(PYTEST) -m serial -n 2 --dist loadgroup $(SERIAL)
 

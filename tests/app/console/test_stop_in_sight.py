@@ -37,7 +37,7 @@ def many_sizes(name: str, language: str) -> list[tuple[int, int]]:
     if language != "en":
         return [SMALLEST, LARGEST]
     draw = Random(name).randint
-    drawn = [(draw(SMALLEST[0], LARGEST[0]), draw(SMALLEST[1], LARGEST[1])) for _ in range(3)]
+    drawn = [(draw(SMALLEST[0], LARGEST[0]), draw(SMALLEST[1], LARGEST[1])) for _ in range(2)]
     return [SMALLEST, LARGEST, *BREAKPOINTS, *drawn]
 
 
