@@ -26,7 +26,7 @@ run: model
 demo: model
 	@$(BIN)/rleex demo
 
-# None of them fills a core for long: beside one another, and what each prints comes whole.
+# Each uses about one core: they run side by side, and each line of output is printed whole.
 test: $(SPARK_STAMP) model
 	@echo "Checks, the tests on a kernel's CAN bus and those on a Spark cluster (2 min) …"
 	@$(MAKE) --no-print-directory -j3 --output-sync=line test-can check compile-tests test-spark

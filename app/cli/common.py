@@ -108,7 +108,7 @@ def check_appended(context: Context, path: Path | None) -> Path | None:
 
 
 def check_bus_log(context: Context, path: Path | None) -> Path | None:
-    """The same for a record of a bus, which goes on in one of its kind. Beside a session's own lies a trail."""
+    """The same for a bus log. A session's own, beside a trail of its name, is evidence and not appended to."""
     if check_appended(context, path) is not None and path is not None and path.exists():
         place = Path(os.path.realpath(path))
         trail = place.with_name(place.name.removesuffix(EVIDENCE_SUFFIXES[-1]) + EVIDENCE_SUFFIXES[0])

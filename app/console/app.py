@@ -139,9 +139,9 @@ class ConsoleApp(SessionFlow):
         late = touch and not self._barred() and self._must_lock(self.live_state())
         if touch and not self._idle.is_over(since_boot_s()):
             self._idle = self._idle.touched(since_boot_s())
-        if not (late and isinstance(event, events.Key)):  # a click is STOP's, or comes only when the button is let go
+        if not (late and isinstance(event, events.Key)):  # pressing the mouse acts on the STOP bar alone
             await super().on_event(event)
-        if late:  # as the key that wakes a computer: it does not command for whoever was there before
+        if late:  # the key that wakes a computer commands nothing for the operator who was there before
             self._lock_idle()
 
     def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:

@@ -245,11 +245,12 @@ def _read_video(where: Path, table: Path) -> Footage:
     if not count:
         raise AppError(EvaluateFault.VIDEO_UNREADABLE, file=where)
     width_px, height_px = video.get(cv2.CAP_PROP_FRAME_WIDTH), video.get(cv2.CAP_PROP_FRAME_HEIGHT)
+    timed = last_ms > count  # else the container has no times, or impossible ones: above 1,000 frames a second
     return Footage(
         labels=_video_labels(table, count),
         focal_px=assumed_focal_px(width_px, height_px),
         reference_m=REFERENCE_OF_PALM * _PALM_WIDTH_M,
-        period_ns=round(last_ms * 1e6 / (count - 1)) if last_ms > count else frame_period_ns(video),
+        period_ns=round(last_ms * 1e6 / (count - 1)) if timed else frame_period_ns(video),
         frames=lambda: _video_frames(where),
         claimed_frames=max(0, int(video.get(cv2.CAP_PROP_FRAME_COUNT))),
     )

@@ -184,14 +184,13 @@ def image_files(folder: Path) -> list[Path]:
     files = [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES]
     if not files:
         raise HardwareError(RecordingFault.FOLDER_EMPTY, path=folder, known=", ".join(sorted(IMAGE_SUFFIXES)))
-    return sorted(
-        files, key=lambda path: [(len(part), part) if part.isdecimal() else (0, part) for part in _parts(path)]
-    )
+    return sorted(files, key=_by_number)
 
 
-def _parts(path: Path) -> list[str]:
-    """A name's words and numbers in turn, the numbers without leading zeros."""
-    return [part.lstrip("0") if part.isdecimal() else part for part in re.split(r"(\d+)", path.name)]
+def _by_number(path: Path) -> tuple[list[tuple[int, str]], str]:
+    """A name's words and numbers in turn, then the name itself: 1 and 01 keep one order."""
+    parts = re.split(r"(\d+)", path.name)
+    return [(int(part), "") if part.isdecimal() else (0, part) for part in parts], path.name
 
 
 def read_image(path: Path) -> ImageArray:

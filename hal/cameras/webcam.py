@@ -111,5 +111,5 @@ class WebcamCamera:
             raise HardwareError(CameraFault.UNPLUGGED, camera=self._name)
         before, self._before = self._before, image
         if before is not None and np.array_equal(image[::COMPARED_ROWS], before[::COMPARED_ROWS]):
-            return None  # a camera that hangs and hands out its last image: the hand in it is no longer there
+            return None  # a camera that hangs repeats its last image: the hand in it may have gone
         return (cv2.flip(image, 1) if self._mirrored else image), captured_ns

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from contextlib import closing, nullcontext
 from pathlib import Path
 
@@ -140,7 +139,6 @@ def test_the_same_image_again_and_again_is_none(
 
     class Hung(Capture):
         def read(self) -> tuple[bool, ImageArray]:
-            time.sleep(0.001)  # as long as a very quick camera takes
             return True, np.full((480, 640, 3), 90, np.uint8) + generator.integers(
                 0, noise + 1, (480, 640, 3), np.uint8
             )
