@@ -18,7 +18,7 @@ SERIAL = $(shell grep -rlF pytest.mark.serial --include='test_*.py' tests)
 # A test that hangs ends its worker after a while (pyproject.toml); a new worker would begin with it again.
 PYTEST = $(BIN)/python -m pytest -q --max-worker-restart 0
 
-.PHONY: run demo test compile-tests test-can test-spark check lock evaluate bench mutation coverage pictures system model clean
+.PHONY: run demo test compile-tests test-can test-spark test-serial check lock evaluate bench mutation coverage pictures system model clean
 
 run: model
 	@$(BIN)/rleex run
@@ -26,18 +26,22 @@ run: model
 demo: model
 	@$(BIN)/rleex demo
 
-# Each uses about one core: they run side by side, and each line of output is printed whole.
-test: $(SPARK_STAMP) model
-	@echo "Checks, the tests on a kernel's CAN bus and those on a Spark cluster (2 min) …"
-	@$(MAKE) --no-print-directory -j3 --output-sync=line test-can check compile-tests test-spark
+# What uses one core runs beside something else. Real sessions leave a third of two cores, which the checks take at the
+# lowest priority.
+test: $(DEV_STAMP) model
+	@echo "The tests on a kernel's CAN bus and those on a Spark cluster (2 min) …"
+	@$(MAKE) --no-print-directory -j3 --output-sync=line test-can compile-tests test-spark
 	@$(PYTEST) -m "not serial" -n $(WORKERS) --dist loadfile
+	@$(MAKE) --no-print-directory -j2 test-serial check NICE="nice -n 19"
+
+test-serial: $(DEV_STAMP) model
 	@$(PYTEST) -m serial -n 2 --dist loadgroup $(SERIAL)
 
 check: $(DEV_STAMP)
 	@$(BIN)/ruff check .
 	@$(BIN)/ruff format --check .
-	@$(BIN)/mypy app hal kgdfa logs profiles testing tests tools
-	@$(BIN)/lint-imports --no-logo
+	@$(NICE) $(BIN)/mypy app hal kgdfa logs profiles testing tests tools
+	@$(NICE) $(BIN)/lint-imports --no-logo
 
 # Else each of the workers compiles them at the same moment.
 compile-tests: $(DEV_STAMP)

@@ -9,7 +9,7 @@ from app.control.recording import TickRecorder
 from app.control.telemetry import snapshot
 from app.ipc.links import OrderedReceiver, address
 from app.ipc.messages import ControlSnapshot, TriggerReport
-from app.ipc.recording import HandFrame, Recorded, TickBatch
+from app.ipc.recording import BATCH_TICKS, HandFrame, Recorded, TickBatch
 from app.ipc.streams import RECORDING
 from app.perception.reporting import hand_frame
 from app.recording.process import SessionRecording
@@ -66,8 +66,8 @@ class RecordedLive(Live12):
         assert self.rig.state is not None
         assert isinstance(self.rig, WatchedRig)
         self._recorder.close(self.rig.state.streams, snapshot(self.rig.state, self.rig.given, STATUS))
-        while (message := self._receiver.receive(0.05)) is not None:
-            self.recording.take(message)
+        if len(self.measured) % BATCH_TICKS:
+            self.recording.take(received(self._receiver))
         written(self.home, self.entries)
         self.recording.close()
         self._receiver.close()

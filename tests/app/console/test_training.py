@@ -178,6 +178,8 @@ async def test_the_best_row_is_kept_for_the_patient(console: Opener, home: Home)
     async with console(profile=None) as open_console:
         await open_console.press("t")
         await open_console.shows("best before 1")
+        open_console.host.message = report(raw_gesture=Gesture.FIVE)
+        await open_console.shows("✗ thumb: fold it in")  # what a release is counted from
         for index, gesture in enumerate(LESSONS[:2], start=1):
             open_console.host.message = report(release_count=index, released_gesture=gesture)
             await open_console.shows(f"Training of demo {index}/12")
