@@ -39,6 +39,7 @@ class CameraFault(Enum):
     TOO_FEW_CHESSBOARDS = auto()
     CHESSBOARDS_DISAGREE = auto()
     CHESSBOARDS_ALIKE = auto()
+    SQUEEZED = auto()
     FACTORY_CALIBRATED = auto()
     IMAGE_SIZES_DIFFER = auto()
     CAMERA_NAME_MISSING = auto()

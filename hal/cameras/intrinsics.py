@@ -103,7 +103,17 @@ def choose(
     if measured is None:
         return assumed(width_px, height_px)
     check_size(measured, width_px, height_px, camera)
+    _check_square(measured)
     return measured
+
+
+def _check_square(lens: Intrinsics) -> None:
+    """Distances use one focal length. Raises HardwareError for a mode that squeezes its images.
+
+    `calibrate` fits two: with one, OpenCV takes boards of a squeezed mode for tilted ones, at any focal length.
+    """
+    if abs(lens.fy_px / lens.fx_px - 1) > MOST_SQUEEZED:
+        raise HardwareError(CameraFault.SQUEEZED, width_px=lens.width_px, height_px=lens.height_px)
 
 
 def load(store: Path, camera: str) -> Intrinsics | None:
@@ -168,6 +178,7 @@ MAX_RESIDUAL_PX = 1.0  # beyond it the board was bent, blurred or moving
 # Between two of the boards at least. Below, a nearer board looks like a longer lens: of 48 simulated series with 0.2 to
 # 0.3 px of noise all from 20 degrees on came within 3.4 % of the focal length, others as low as a sixth of it.
 MIN_TILT_RAD = np.radians(20)
+MOST_SQUEEZED = 0.02  # of square pixels the two come within 0.2 %; paper of a printer is stretched by up to 1 %
 _REFINED = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 30, 0.01)
 
 Corners = NDArray[np.float32]
@@ -221,10 +232,9 @@ def calibrate(corners: Iterable[Corners], board: Board, width_px: int, height_px
             columns=board.columns,
             rows=board.rows,
         )
-    # Square pixels: distances use one focal length. Of a mode that squeezes its images the boards then disagree.
-    flags = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_ASPECT_RATIO
+    flags = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
     residual, matrix, distortion, turns, _ = cv2.calibrateCamera(
-        [board.points_m] * len(found), found, (width_px, height_px), np.eye(3), None, flags=flags
+        [board.points_m] * len(found), found, (width_px, height_px), None, None, flags=flags
     )
     if not (np.isfinite(matrix).all() and residual <= MAX_RESIDUAL_PX):
         raise HardwareError(CameraFault.CHESSBOARDS_DISAGREE, residual_px=float(residual), limit_px=MAX_RESIDUAL_PX)
@@ -245,4 +255,5 @@ def calibrate(corners: Iterable[Corners], board: Board, width_px: int, height_px
         intrinsics = _measured(values)
     except ValueError as error:
         raise HardwareError(CameraFault.CHESSBOARDS_ALIKE) from error
+    _check_square(intrinsics)
     return Calibration(intrinsics=intrinsics, residual_px=float(residual), used=len(found))
