@@ -109,6 +109,7 @@ class ButtonInput(Struct, frozen=True, kw_only=True):
     beside_px: float | None  # from the box of the 22 points to the button's centre, see `ButtonPlace`; None: no hand
     source: DistanceSource = DistanceSource.MONOCULAR  # of distance_m
     bridge_m: float | None = None  # what the keypoints would have decided by, while depth decides
+    repeated: bool = False  # by the depth map of a frame before
 
 
 class ButtonComparison(Struct, frozen=True, kw_only=True):
@@ -250,7 +251,8 @@ def _while_pressed(
     if compared.beside_px is None or compared.beside_px > compared.beside_limit_px:
         return _end(state, PressCancel.LEFT_SIDEWAYS)
     if distance_m <= compared.release_m or compared.source_changed:
-        return replace(state, measured_near=state.measured_near or not compared.source_changed)
+        own = not (compared.source_changed or observed.repeated)
+        return replace(state, measured_near=state.measured_near or own)
     if compared.held_ns < SHORTEST_PRESS_NS or not state.measured_near:  # keypoints that slip near slip back
         return _end(state, PressCancel.TOO_SHORT)
     if compared.gap_frames:  # it hid the withdrawal: the next frame has to see the hand outside as well

@@ -123,14 +123,16 @@ class DepthRange:
         self.fault: DepthFault | None = None
         self._outliers = OutlierState()
 
-    def measure(self, depth_m: DepthMap, hand: Hand, captured_ns: int) -> Distance | None:
+    def measure(self, depth_m: DepthMap, hand: Hand, captured_ns: int, *, repeated: bool = False) -> Distance | None:
         """The palm's distance; None where the map has none.
 
-        The map shows the skin; the joints, of which all distances speak, lie half a palm under it.
+        The map shows the skin; the joints, of which all distances speak, lie half a palm under it. repeated: measured
+        before: it confirms no jump.
         """
         if self.name == "published":
             return read_published(depth_m, hand)
-        self._outliers, sample = reject_outlier(self._outliers, sample_palm(hand, depth_m), captured_ns)
+        outliers, sample = reject_outlier(self._outliers, sample_palm(hand, depth_m), captured_ns)
+        self._outliers = self._outliers if repeated else outliers
         self.fault = sample.fault
         if sample.depth_m is None:
             return None

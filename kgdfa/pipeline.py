@@ -28,6 +28,7 @@ class PipelineInput:
     image_bgr: NDArray[np.uint8]
     captured_ns: int
     depth_m: NDArray[np.float32] | None = None
+    depth_ns: int | None = None  # of depth_m, which may come with several images; None: captured_ns
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -108,6 +109,7 @@ class Pipeline:
         self._unrecognised = 0  # frames in a row without a gesture
         self._choice = choice
         self._chosen = ChosenDistance()
+        self._depth_ns: int | None = None  # of the newest depth map
 
     def process(self, source: PipelineInput) -> Report:
         """One frame through the chain. Raises KgdfaError for an image that can't be read."""
@@ -116,7 +118,8 @@ class Pipeline:
         verdicts = [(hand, self._rules.classify(hand)) for hand in self._detector.detect(image, now_ns)]
         hand, verdict = self._update_tracks(verdicts, now_ns)
         monocular = self._range_finder.measure(hand, now_ns) if hand else None
-        depth, fault = self._measure_depth(source, hand)
+        repeated = self._is_repeated(source)
+        depth, fault = self._measure_depth(source, hand, repeated=repeated)
         self._chosen = choose_distance(self._chosen, self._choice, monocular, depth)
         distance = self._chosen.distance
         reading = FrameReading(
@@ -128,6 +131,7 @@ class Pipeline:
             beside_px=self._place.beside_px(hand.bounding_box) if hand else None,
             source=distance.source if distance else DistanceSource.MONOCULAR,
             bridge_m=self._chosen.bridge_m,
+            repeated=repeated and distance is not None and distance.source is DistanceSource.DEPTH,
         )
         self._recognition = recognise(self._recognition, reading, self._place, self._mode)
         vote = self._recognition.vote
@@ -175,9 +179,19 @@ class Pipeline:
             return lambda hand: self._rules.classify(hand).gesture is not None
         return None
 
-    def _measure_depth(self, source: PipelineInput, hand: Hand | None) -> tuple[Distance | None, DepthFault | None]:
+    def _is_repeated(self, source: PipelineInput) -> bool:
+        """The depth map is that of a frame before: a camera whose depth comes slower gives it with several images."""
+        if source.depth_m is None:
+            return False
+        depth_ns = source.captured_ns if source.depth_ns is None else source.depth_ns
+        repeated, self._depth_ns = depth_ns == self._depth_ns, depth_ns
+        return repeated
+
+    def _measure_depth(
+        self, source: PipelineInput, hand: Hand | None, *, repeated: bool
+    ) -> tuple[Distance | None, DepthFault | None]:
         """The depth camera's distance, or why there is none; nothing without a depth map."""
         if source.depth_m is None or self._depth_finder is None or hand is None:
             return None, None
-        depth = self._depth_finder.measure(source.depth_m, hand, source.captured_ns)
+        depth = self._depth_finder.measure(source.depth_m, hand, source.captured_ns, repeated=repeated)
         return depth, self._depth_finder.fault

@@ -33,6 +33,7 @@ class FrameReading:
     beside_px: float | None  # from the hand's box to the button's centre; None: no hand
     source: DistanceSource = DistanceSource.MONOCULAR  # of distance_m
     bridge_m: float | None = None  # what the keypoints would have decided by, while depth decides
+    repeated: bool = False  # by the depth map of a frame before
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,6 +61,7 @@ def recognise(before: Recognition, reading: FrameReading, place: ButtonPlace, mo
         beside_px=reading.beside_px,
         source=reading.source,
         bridge_m=reading.bridge_m,
+        repeated=reading.repeated,
     )
     return Recognition(hand=reading.hand, vote=vote, button=advance(button, observed, place, mode))
 

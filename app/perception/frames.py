@@ -21,7 +21,12 @@ CONFIDENCE_DIGITS = 4
 # Of each frame: whether there is a hand, and whether another one commands than in the frame before. Capital: cut off.
 MARKS = {(False, False): ".", (False, True): "x", (True, False): "h", (True, True): "n"}
 PRESENT_OTHER = {mark: both for both, mark in MARKS.items()}
-SOURCES = {DistanceSource.MONOCULAR: "m", DistanceSource.DEPTH: "d"}
+# Of each frame with a hand: what measured the distance, and whether by the depth map of a frame before.
+SOURCES = {
+    (DistanceSource.MONOCULAR, False): "m",
+    (DistanceSource.DEPTH, False): "d",
+    (DistanceSource.DEPTH, True): "r",
+}
 SOURCE_OF = {mark: source for source, mark in SOURCES.items()}
 ClassifiedFrame = tuple[FrameReading, float]  # with the confidence of its verdict
 
@@ -65,7 +70,7 @@ class FrameBatch:
             confidence=tuple(round(confidence, CONFIDENCE_DIGITS) for _, confidence in with_hand),
             safe_distance_m=tuple(one.distance_m for one, _ in with_hand),
             beside_px=tuple(one.beside_px for one, _ in with_hand if one.beside_px is not None),
-            sources="".join(SOURCES[one.source] for one, _ in with_hand) if depth else "",
+            sources="".join(SOURCES[one.source, one.repeated] for one, _ in with_hand) if depth else "",
             bridge_m=tuple(one.bridge_m for one, _ in with_hand if one.source is DistanceSource.DEPTH),
         )
         self.number += len(self._frames)
@@ -124,10 +129,10 @@ def unpack(record: Frames, hand: int) -> Iterator[ClassifiedFrame]:
     Raises ValueError for columns that do not fit, KeyError for marks that are none.
     """
     captures_ns = tuple(accumulate(record.after_ns, initial=record.captured_ns))
-    sources = record.sources or SOURCES[DistanceSource.MONOCULAR] * len(record.gesture)
+    sources = record.sources or SOURCES[DistanceSource.MONOCULAR, False] * len(record.gesture)
     columns = zip(record.gesture, record.confidence, record.safe_distance_m, record.beside_px, sources, strict=True)
     bridges = iter(record.bridge_m)
-    if len(record.bridge_m) != record.sources.count(SOURCES[DistanceSource.DEPTH]):
+    if len(record.bridge_m) != sum(SOURCE_OF[mark][0] is DistanceSource.DEPTH for mark in record.sources):
         raise ValueError(len(record.bridge_m))
     for mark, captured_ns in zip(record.hands, captures_ns, strict=True):
         present, other = PRESENT_OTHER[mark.lower()]
@@ -139,7 +144,7 @@ def unpack(record: Frames, hand: int) -> Iterator[ClassifiedFrame]:
             yield nothing, 0.0
             continue
         gesture, confidence, distance_m, beside_px, source = next(columns)
-        depth = SOURCE_OF[source] is DistanceSource.DEPTH
+        measured, repeated = SOURCE_OF[source]
         reading = FrameReading(
             captured_ns=captured_ns,
             hand=hand,
@@ -147,7 +152,8 @@ def unpack(record: Frames, hand: int) -> Iterator[ClassifiedFrame]:
             cut_off=mark.isupper(),
             distance_m=distance_m,
             beside_px=beside_px,
-            source=SOURCE_OF[source],
-            bridge_m=next(bridges, None) if depth else None,
+            source=measured,
+            bridge_m=next(bridges, None) if measured is DistanceSource.DEPTH else None,
+            repeated=repeated,
         )
         yield reading, confidence

@@ -248,7 +248,12 @@ class _Look:
         if self._chain is None or self._lens != lens:
             self._chain, self._lens = make_pipeline(self._setup, self._detector, frame, lens[0]), lens
         pipeline, place = self._chain
-        source = PipelineInput(image_bgr=frame.image_bgr, captured_ns=frame.captured_ns, depth_m=frame.depth_m)
+        source = PipelineInput(
+            image_bgr=frame.image_bgr,
+            captured_ns=frame.captured_ns,
+            depth_m=frame.depth_m,
+            depth_ns=frame.depth_ns,
+        )
         report = pipeline.process(source)
         self._pipe.send(self._sample(report))
         if self._pacer.due(time.monotonic_ns()):

@@ -213,7 +213,12 @@ class Perception:
             for record in (*assembly.camera_records(self._setup, camera.name, frame), setup):
                 self._sink.emit(record)
             gc_freeze()
-        source = PipelineInput(image_bgr=frame.image_bgr, captured_ns=frame.captured_ns, depth_m=frame.depth_m)
+        source = PipelineInput(
+            image_bgr=frame.image_bgr,
+            captured_ns=frame.captured_ns,
+            depth_m=frame.depth_m,
+            depth_ns=frame.depth_ns,
+        )
         return self._pipeline.process(source)
 
     def _measure_rate(self, frame: Frame) -> None:

@@ -48,6 +48,7 @@ class Frame:
     image_bgr: (height, width, 3), uint8, unmirrored.
     captured_ns: `time.monotonic_ns` of this host when the frame was captured.
     depth_m: (height, width) float32 aligned to the colour image, or None; 0 means no measurement.
+    depth_ns: `time.monotonic_ns` when this very map first came, with this image or one before; None: with this one.
     """
 
     image_bgr: ImageArray
@@ -55,6 +56,7 @@ class Frame:
     sequence: int
     intrinsics: Intrinsics
     depth_m: DepthArray | None = None
+    depth_ns: int | None = None
 
 
 class Camera(Protocol):

@@ -39,6 +39,7 @@ class _FrameSet:
     image_bgr: ImageArray
     depth_m: DepthArray | None
     captured_ns: int
+    depth_ns: int
 
 
 class RealSenseCamera:
@@ -129,6 +130,7 @@ class RealSenseCamera:
             sequence=self._sequence,
             intrinsics=self._intrinsics,
             depth_m=taken.depth_m,
+            depth_ns=taken.depth_ns if taken.depth_m is not None else None,
         )
 
     def close(self) -> None:
@@ -198,7 +200,7 @@ class RealSenseCamera:
         has_depth = depth_id is not None and captured_ns - self._depth_ns <= DEPTH_AGE_NS
         self._colour_id = colour_id
         depth_m = clean_depth(np.asanyarray(depth.get_data()), self._depth_unit_m) if has_depth else None
-        return _FrameSet(_bgr(colour), depth_m, captured_ns)
+        return _FrameSet(_bgr(colour), depth_m, captured_ns, self._depth_ns)
 
     def _check_end(self) -> None:
         if self._playback is not None and self._playback.current_status().name == "stopped":

@@ -69,8 +69,9 @@ class Frames(Struct, frozen=True, kw_only=True, tag_field="kind", tag="frames"):
     confidence: tuple[float, ...] = ()
     safe_distance_m: tuple[Measured, ...] = ()
     beside_px: tuple[float, ...] = ()  # from the hand's box to the button's centre
-    sources: str = ""  # `m` the keypoints, `d` a depth map measured the distance; empty: the keypoints in every frame
-    bridge_m: tuple[Measured, ...] = ()  # in frames with `d`: what the keypoints would have decided by
+    # What measured: `m` the keypoints, `d` a depth map, `r` that of a frame before; empty: the keypoints in every frame
+    sources: str = ""
+    bridge_m: tuple[Measured, ...] = ()  # in frames with `d` and `r`: what the keypoints would have decided by
 
 
 class _Decided(Struct, frozen=True, kw_only=True):

@@ -95,6 +95,17 @@ def test_a_single_near_reading_never_gets_through() -> None:
         assert distance is None or distance.shown_m == pytest.approx(0.60 + HALF_PALM_M)
 
 
+def test_a_map_that_comes_again_confirms_no_jump() -> None:
+    """As of a camera whose depth comes slower than its colour."""
+    reader = DepthRange(mode="robust")
+    measure(reader, 0.40, 1)
+    for frame in range(2, 8):
+        assert reader.measure(depth_map(0.22), hand(), frame * FRAME_NS, repeated=frame > 2) is None
+    back = measure(reader, 0.40, 8)
+    assert back is not None
+    assert back.shown_m == pytest.approx(0.40 + HALF_PALM_M)
+
+
 def test_a_hand_pushed_fast_is_followed() -> None:
     reader = DepthRange(mode="robust")
     for frame in range(10):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -88,6 +89,26 @@ def test_pushes_command_through_holes_in_four_frames_of_ten() -> None:
     ]
     assert set(commands) <= {0, 1}
     assert sum(commands) > 0.8 * len(commands)
+
+
+@pytest.mark.parametrize("images", [1, 2, 3, 4])
+@pytest.mark.parametrize("again", [True, False])
+def test_a_depth_map_that_comes_with_several_images_is_one_measurement(images: int, again: bool) -> None:
+    """again: one map that slipped near; else several that agree, which are a push."""
+    state = ButtonState()
+    for number, metres in enumerate([*[0.26] * 15, *[0.193] * images, *[0.26] * 15], 1):
+        frame = ButtonInput(
+            captured_ns=number * FRAME_NS,
+            gesture=Gesture.FIVE,
+            recognised_ns=7,
+            distance_m=metres,
+            beside_px=0.0,
+            source=DistanceSource.DEPTH,
+            bridge_m=None,
+            repeated=again and 16 < number <= 15 + images,
+        )
+        state = advance(state, frame, PLACE, ButtonMode.ROBUST)
+    assert state.release_count == (0 if again or images == 1 else 1)
 
 
 def test_who_only_the_keypoints_saw_outside_has_not_withdrawn() -> None:

@@ -16,7 +16,7 @@ from app.replay.difference import Difference
 from app.replay.perception import DECISIONS, NOT_REPLAYED
 from app.replay.session import replay
 from kgdfa.button import ButtonMode, ButtonPlace, PressCancel
-from kgdfa.distance import Distance, DistanceChoice
+from kgdfa.distance import Distance, DistanceChoice, DistanceSource
 from kgdfa.gesture import VOTE_FRAMES, Decision, Explanation, Gesture, Verdict
 from kgdfa.pipeline import Report
 from kgdfa.recognition import FrameReading, Recognition, recognise
@@ -115,9 +115,18 @@ hands = st.builds(
     cut_off=st.booleans(),
     beside_px=st.one_of(st.just(0.0), st.floats(0.0, 300.0)),
 )
+by_depth = st.builds(
+    seen,
+    st.floats(0.05, 0.7),
+    hand=st.sampled_from([0] * 9 + [1]),
+    source=st.just(DistanceSource.DEPTH),
+    bridge_m=st.one_of(st.none(), st.floats(0.05, 0.7)),
+    repeated=st.booleans(),
+)
 frames = st.lists(
     st.one_of(
         hands,
+        by_depth,
         st.sampled_from([NOBODY, replace(NOBODY, hand=0)]),
         st.sampled_from([replace(one, hand=0) for one in PUSH]),
     ),

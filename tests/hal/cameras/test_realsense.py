@@ -176,6 +176,8 @@ def test_a_stalled_streams_last_frame_beside_a_live_one_is_no_new_one(
         given.append(unaligned._grab(streams))
     depths = [one and one.depth_m is not None for one in given]
     assert depths == [True, None, True, True, False, True], "one image late is none too old"
+    came = [one and (one.depth_ns - 10**9) // PERIOD_NS for one in given]
+    assert came == [0, None, 2, 2, 2, 9]
 
 
 def test_a_colour_stream_that_stalls_beside_a_live_depth_stream_is_lost(unaligned: RealSenseCamera) -> None:
