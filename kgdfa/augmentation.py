@@ -88,10 +88,14 @@ def detect_augmented(
     """The largest hand in one augmented image, as it is on the image itself. like: the hand that it must be."""
     shown, transform = augment(image_bgr, augmentation)
     hands = [to_image(hand, transform) for hand in detector.detect(shown)]
-    found = [hand for hand in hands if like is None or same_place(hand, like)]
-    if not found:
+    if not hands:
         return None
-    hand = max(found, key=lambda one: one.reference_px)
+    if like is None:
+        hand = max(hands, key=lambda one: one.reference_px)
+    else:
+        hand = min(hands, key=like.palm_shift_px)
+        if not same_place(hand, like):
+            return None
     return replace(hand, side=hand.side.other) if augmentation.mirrored else hand
 
 

@@ -68,19 +68,24 @@ def press_zone(
     reference_m: float,
     palm_width_m: float,
     least_m: float = 0.0,
+    arm_rad: float | None = 0.0,
 ) -> PressZone:
     """The zone for a camera and a palm. least_m: nearer, the distance can't be measured.
+
+    arm_rad: where on the image the arm comes from, 0 from below, pi/2 from a side; None: anywhere.
 
     Raises KgdfaError for what is no camera or no palm.
     """
     check_range_finder(focal_px, reference_m)
     if min(width_px, height_px) <= 0:
         raise KgdfaError(KgdfaFault.IMAGE_SIZE, width_px=width_px, height_px=height_px)
-    followed_m = max(least_m, focal_px * palm_width_m / (TRACKED_SHARE * min(width_px, height_px)))
+    shorter_px = min(width_px, height_px)
+    along_px = shorter_px if arm_rad is None else width_px if abs(math.sin(arm_rad)) > 0.5 else height_px
+    followed_m = max(least_m, focal_px * palm_width_m / (TRACKED_SHARE * shorter_px))
     threshold_m = math.ceil(max(LEAST_THRESHOLD_M, _least_threshold(followed_m)) * 100 - 1e-9) / 100
     return PressZone(
         followed_from_m=followed_m,
-        whole_from_m=focal_px * HAND_OF_PALM * palm_width_m / height_px,
+        whole_from_m=max(followed_m, focal_px * HAND_OF_PALM * palm_width_m / along_px),
         visible_to_m=focal_px * reference_m / SMALLEST_REFERENCE_PX,
         threshold_m=threshold_m,
         rest_beyond_m=threshold_m * (1 + HYSTERESIS),

@@ -103,9 +103,9 @@ def expire(
         raise AppError(RecordingReadFault.KEPT_FOR_EVER)
     found = expired(where.logs, keep_days, datetime.now(UTC))
     for one in found:
-        key = "recording.misdated" if one.after else "recording.old"
+        key = "recording.misdated" if one.after else "recording.too_old" if one.too_old else "recording.old"
         print_text(key, path=one.path, days=one.age.days, session=one.after)
-    wanted = [one.path for one in found if not one.after]
+    wanted = [one.path for one in found if not (one.after or one.too_old)]
     if wanted and not yes:
         typer.confirm(tr("recording.expire", count=len(wanted)), abort=True)
     deleted = [path for path in wanted if _delete(path, by)]

@@ -142,6 +142,7 @@ def zone_for(setup: SessionSetup, frame: Frame, camera: str) -> PressZone:
         reference_m=segment.length_m,
         palm_width_m=segment.palm_width_m,
         least_m=LEAST_M if choice_of(setup) is DistanceChoice.DEPTH else 0.0,
+        arm_rad=ARMS_RAD[setup.config.camera.arm],
     )
 
 

@@ -12,6 +12,8 @@ from logs.manifest import manifest_paths
 from logs.read import records
 from logs.records import LogOpened
 
+FIRST = datetime(2026, 1, 1, tzinfo=UTC)  # no recording is older than the program that records
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Expired:
@@ -20,13 +22,14 @@ class Expired:
     path: Path
     age: timedelta
     after: str  # a session of a later name that was opened before it: a clock was wrong; empty: none
+    too_old: bool  # older than FIRST by its name: a clock was wrong
 
 
 def expired(folder: Path, keep_days: int, now: datetime) -> list[Expired]:
     """What is older than so many days, the oldest first. Raises AuditError where a manifest can't be read."""
     after = _misdated(folder, now)
     return [
-        Expired(path=path, age=now - began, after=after.get(session_of(path), ""))
+        Expired(path=path, age=now - began, after=after.get(session_of(path), ""), too_old=began < FIRST)
         for path in sorted(folder.glob(f"*{RECORDING_SUFFIX}"))
         if (began := _began(path.name)) is not None and now - began > timedelta(days=keep_days)
     ]

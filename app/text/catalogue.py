@@ -112,7 +112,14 @@ def tr(key: str | Enum, /, **values: object) -> str:
     text = _message(_State.language, wanted) if text == wanted else text  # no plural form
     if text == wanted:
         return _missing(wanted, values)
-    return _FORMATTER.vformat(text, (), values) if values or "{" in text else text
+    if not values and "{" not in text:
+        return text
+    try:
+        return _FORMATTER.vformat(text, (), values)
+    except (LookupError, ValueError, TypeError, AttributeError):  # a recording's values, of another version's wording
+        if _State.strict:
+            raise
+        return _missing(wanted, values)
 
 
 def render(what: object) -> str:

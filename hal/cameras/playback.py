@@ -151,7 +151,7 @@ def video_source(path: Path) -> FrameSource:
             raise HardwareError(RecordingFault.VIDEO_UNREADABLE, path=path)
         if capture.get(cv2.CAP_PROP_FRAME_WIDTH) * capture.get(cv2.CAP_PROP_FRAME_HEIGHT) > MAX_PIXELS:
             raise HardwareError(RecordingFault.VIDEO_UNREADABLE, path=path)
-        period_ns = frame_period_ns(capture)
+        period_ns = frame_period_ns(capture)  # at most: the shortest time between two images so far
         offset_ns = -period_ns
         try:
             while True:
@@ -159,7 +159,10 @@ def video_source(path: Path) -> FrameSource:
                 if not there:
                     return
                 stamp_ns = round(capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
-                offset_ns = stamp_ns if stamp_ns - offset_ns > NS_PER_MS else offset_ns + period_ns
+                if stamp_ns - offset_ns > NS_PER_MS:
+                    period_ns, offset_ns = min(period_ns, stamp_ns - offset_ns), stamp_ns
+                else:
+                    offset_ns += period_ns
                 yield RecordedFrame(offset_ns=offset_ns, image_bgr=np.asarray(image, np.uint8))
         finally:
             capture.release()

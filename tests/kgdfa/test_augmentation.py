@@ -65,13 +65,17 @@ class SpotDetector:
 
 
 class TwoHands(SpotDetector):
-    """Finds another hand beside, which is the larger one in every second image."""
+    """Finds another hand so many reference segments beside, which is the larger one in every second image."""
+
+    def __init__(self, apart: float) -> None:
+        super().__init__()
+        self.apart = apart
 
     def detect(self, image_bgr: Image, captured_ns: int = 0) -> tuple[Hand, ...]:
         (hand,) = super().detect(image_bgr, captured_ns)
         larger = 0.5 if self.asked % 2 else 2.0
         points = (hand.image_px - hand.image_px[0]) * larger
-        other = replace(hand, image_px=points + hand.image_px[0] + (8 * hand.reference_px, 0), presence=0.7)
+        other = replace(hand, image_px=points + hand.image_px[0] + (self.apart * hand.reference_px, 0), presence=0.7)
         return (hand, other)
 
 
@@ -97,8 +101,9 @@ def test_a_mirrored_view_reports_the_other_side_and_mirrors_space() -> None:
     assert mirrored.world_m[8, 0] == pytest.approx(-plain.world_m[8, 0])
 
 
-def test_every_look_is_of_the_hand_that_the_plain_one_shows() -> None:
-    looks = detect_photo(TwoHands(), SpotDetector(), spotted())
+@pytest.mark.parametrize("apart", [8.0, 2.4, 1.0])
+def test_every_look_is_of_the_hand_that_the_plain_one_shows(apart: float) -> None:
+    looks = detect_photo(TwoHands(apart), SpotDetector(), spotted())
     assert [hand.presence for hand in looks] == [0.9] * len(AUGMENTATIONS)
 
 

@@ -40,6 +40,30 @@ def test_the_proposed_threshold_leaves_room_on_both_sides(focal_px: float, refer
     assert zone.fits(zone.threshold_m) == zone.possible
 
 
+@pytest.mark.parametrize(
+    ("arm_rad", "width_px", "height_px", "whole_m"),
+    [
+        (0.0, 1280, 720, 0.260),
+        (np.pi / 2, 1280, 720, 0.197),  # a hand from a side lies along the image, and is soon too large to be followed
+        (np.pi / 2, 720, 1280, 0.260),
+        (np.pi, 1280, 720, 0.260),
+        (None, 720, 1280, 0.260),
+    ],
+)
+def test_a_hand_is_whole_along_the_side_that_its_arm_comes_from(
+    arm_rad: float | None, width_px: int, height_px: int, whole_m: float
+) -> None:
+    zone = press_zone(
+        focal_px=950,
+        width_px=width_px,
+        height_px=height_px,
+        reference_m=0.0615,
+        palm_width_m=0.082,
+        arm_rad=arm_rad,
+    )
+    assert zone.whole_from_m == pytest.approx(whole_m, abs=0.001)
+
+
 def test_a_lens_too_long_for_any_press_is_reported() -> None:
     zone = zone_of(0.0615, focal_px=2500, width_px=1280, height_px=720)
     assert not zone.possible

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from math import inf
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -99,7 +100,7 @@ def compare(cases: Iterable[Case], device: Exoskeleton, step: Step = lambda: Non
             history = history_of(read_legs(path), patient.body)
         assert history is not None
         measured = measure(history)
-        found.append(Compared(case=case, measured=measured, true=true, errors=_errors(measured, true)))
+        found.append(Compared(case=case, measured=measured, true=true, errors=errors_of(measured, true)))
         step()
     return found
 
@@ -122,11 +123,26 @@ def errors_table(found: Sequence[Compared]) -> Table:
     return table("outcomes.title", columns, rows, caption="outcomes.caption")
 
 
-def _errors(measured: Measures, true: Measures) -> dict[str, float]:
-    errors = {name: 100 * (getattr(measured, name) / getattr(true, name) - 1) for name in RELATIVE}
-    errors |= {name: getattr(measured, name) - getattr(true, name) for name in IN_POINTS}
-    ranges = [
-        100 * (measured.range_of_motion[joint].range_deg / known.range_deg - 1)
-        for joint, known in true.range_of_motion.items()
-    ]
-    return errors | {RANGE: max(ranges, key=abs)}
+def errors_of(measured: Measures, true: Measures) -> dict[str, float]:
+    """By measure, per cent, of asymmetries percentage points; endless, beyond any limit, where only one side has it."""
+    errors = {name: _percent(getattr(measured, name), getattr(true, name)) for name in RELATIVE}
+    errors |= {name: _difference(getattr(measured, name), getattr(true, name)) for name in IN_POINTS}
+    ranges = [_percent(_range_deg(measured, joint), known.range_deg) for joint, known in true.range_of_motion.items()]
+    return errors | {RANGE: max(ranges, key=abs, default=inf)}
+
+
+def _percent(measured: float | None, true: float | None) -> float:
+    if measured is None or not true:
+        return 0.0 if measured == true else inf
+    return 100 * (measured / true - 1)
+
+
+def _difference(measured: float | None, true: float | None) -> float:
+    if measured is None or true is None:
+        return 0.0 if measured == true else inf
+    return measured - true
+
+
+def _range_deg(measures: Measures, joint: str) -> float | None:
+    found = measures.range_of_motion.get(joint)
+    return None if found is None else found.range_deg

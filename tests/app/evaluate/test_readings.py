@@ -1,7 +1,8 @@
 from __future__ import annotations
 
+import re
 import struct
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -101,6 +102,27 @@ def test_a_video_is_played_by_its_frames_own_times(tmp_path: Path) -> None:
     assert offsets_ms == [0, 50, 100, 150, 200, 250, 300, 450]  # its length in the header is still the old one
     file.with_suffix(".csv").write_text("frame,label\n0,5\n")
     assert read_footage(file).period_ns == pytest.approx(450_000_000 / 7, abs=1)
+
+
+def stamped(file: Path, stamps_ms: Sequence[int]) -> Path:
+    """A browser's video: Matroska (RFC 9559) whose images, of one cluster, have these times and no rate."""
+    data = bytearray(file.read_bytes())
+    rate = data.index(b"\x23\xe3\x83\x84")  # DefaultDuration, of four bytes
+    data[rate : rate + 8] = b"\xec\x86" + bytes(6)  # Void
+    blocks = re.finditer(rb"\xa3(?:[\x81-\xff]|[\x40-\x7f].)\x81(..)[\x00\x80]", bytes(data), re.DOTALL)
+    for block, stamp_ms in zip(blocks, stamps_ms, strict=True):
+        data[slice(*block.span(1))] = stamp_ms.to_bytes(2)
+    file.write_bytes(data)
+    return file
+
+
+def test_two_images_at_one_time_change_no_later_time(tmp_path: Path) -> None:
+    file = filmed(tmp_path / "browser.webm", "VP80", [np.full((48, 64, 3), 5 * n, np.uint8) for n in range(40)])
+    stamps_ms = [16 * number for number in range(40)]
+    stamps_ms[9] = stamps_ms[8] + 1
+    stamped(file, stamps_ms)
+    offsets_ms = [round(frame.offset_ns / 1e6) for frame in video_source(file)()]
+    assert offsets_ms == [*stamps_ms[:9], stamps_ms[8] + 16, *stamps_ms[10:]]
 
 
 def test_a_name_with_a_colon_is_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -140,6 +140,15 @@ def test_a_recording_of_today_by_a_clock_that_was_set_back_stays_and_is_named(ho
         assert all(path.exists() for path in paths)
 
 
+def test_a_recording_that_is_older_than_the_program_by_its_name_stays_and_is_named(home: Home) -> None:
+    """Of a home's first session: no session before it tells that the clock was wrong."""
+    paths = with_sessions(home, ago(9821.5), ago(0))
+    code, text = expire(home, "--yes")
+    assert code == 0
+    assert tr("recording.too_old", path=paths[0], days=9821) in text
+    assert all(path.exists() for path in paths)
+
+
 DAYS_OLD = {"a": 90, "b": 60, "c": 40, "today": 0, "2000": 9821, "ahead": -3000}
 
 

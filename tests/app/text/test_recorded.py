@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from app.ipc.states import Action, GaitState
-from app.text.catalogue import use_language
+from app.text.catalogue import be_strict, render, use_language
 from app.text.recorded import render_recorded
 from hal.cameras.camera import IntrinsicsSource
 from hal.inputs.device import Contact, InputRole
@@ -46,6 +46,17 @@ def test_a_recorded_value_is_named_in_chinese(record: str, values: dict[str, str
 def test_a_value_that_no_enumeration_has_is_shown_as_it_was_recorded() -> None:
     use_language("zh")
     assert "other-way" in render_recorded(Reason("Record.Drives", {"state": "other-way", "detail": ""}))
+
+
+def test_values_that_a_wording_of_another_version_lacks_are_shown_with_their_code() -> None:
+    refused = Reason("RequestRefusal.WRONG_STATE", {"action": "walk"})
+    with pytest.raises(KeyError):
+        render(refused)
+    be_strict(False)
+    text = render(refused)
+    be_strict()
+    assert "WRONG_STATE" in text
+    assert "walk" in text
 
 
 def test_an_event_of_an_older_trail_has_no_detail() -> None:
