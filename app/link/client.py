@@ -228,9 +228,10 @@ class LinkClient:
         """What control and the others there say."""
         clock = self._beats.clock
         self._outbox.acknowledge(frame.commands)
-        self._ended = self._ended or frame.ended
         if frame.fault is not None:
             self._fail(frame.fault)
+        if frame.ended:
+            self._ended, self._health_ns = True, 0  # the console is told why at once
         if clock is None:
             return
         clock = clock.at(now_ns)

@@ -11,13 +11,13 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from app.link.clock import RoundTrip, update
-from app.link.keys import joints_at
+from app.link.keys import joints_at, own_name
 from app.link.packets import MAX_BYTES
 from app.link.wire import VERSION, LinkFault, program, split_address
 from app.system.errors import AppError
 from app.system.paths import Home
 from logs.reading.errors import UNDECODABLE
-from logs.reason import Reason, reason
+from logs.reason import Reason, key_of, reason
 
 PLAIN = 2  # the first byte
 ANSWER_S = 2.0
@@ -222,6 +222,20 @@ def check_version(host: str, link: int, theirs: str) -> None:
     if link != VERSION:
         fault = LinkFault.OLDER_THERE if link < VERSION else LinkFault.OLDER_HERE
         raise AppError(fault, host=host, here=f"{program()}/{VERSION}", there=f"{theirs}/{link}")
+
+
+_FROM_THERE = {
+    key_of(LinkFault.OLDER_HERE): LinkFault.OLDER_THERE,
+    key_of(LinkFault.OLDER_THERE): LinkFault.OLDER_HERE,
+}
+
+
+def as_read_there(why: Reason) -> Reason:
+    """A refusal for the other computer's screen: which side is older, it reads from its own side."""
+    code = _FROM_THERE.get(why.code)
+    if code is None:
+        return why
+    return reason(code, host=own_name(), here=why.values["there"], there=why.values["here"])
 
 
 def why_silent(host: str, silent_s: float) -> Reason:

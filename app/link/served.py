@@ -278,14 +278,20 @@ class ServedSession:
             self._host.start()
             self._started = True
         except (CodedError, OSError) as error:
-            self.fault = (
-                reason_of(error) if isinstance(error, CodedError) else reason(LinkFault.NOT_STARTED, detail=str(error))
-            )
+            self.fault = not_started(error)
             self.end()
 
     def _close(self) -> None:
         self._host.close()
         self.ended = True
+
+
+def not_started(error: CodedError | OSError) -> Reason:
+    """As the laptop is told it, where a file of this computer would be taken for one of its own."""
+    if isinstance(error, CodedError):
+        why = reason_of(error)
+        return why if isinstance(error.code, LinkFault) else reason(LinkFault.NOT_STARTED, detail=why)
+    return reason(LinkFault.NOT_STARTED, detail=str(error))
 
 
 def check_request(config: Config, request: SessionRequest) -> None:

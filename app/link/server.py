@@ -30,12 +30,13 @@ from app.link.questions import (
     PairRefused,
     Question,
     Who,
+    as_read_there,
     check_version,
     encode,
     here,
     question_in,
 )
-from app.link.served import ServedSession
+from app.link.served import ServedSession, not_started
 from app.link.wire import (
     VERSION,
     FromLaptop,
@@ -56,7 +57,7 @@ from app.system.errors import AppError
 from app.system.paths import Home
 from app.system.scheduling import avoid_control_core, set_scheduling
 from logs.reading.errors import UNDECODABLE, CodedError
-from logs.reason import Reason, reason, reason_of
+from logs.reason import reason_of
 
 _log = get_logger("link")
 
@@ -193,18 +194,18 @@ class JointsServer:
         except UNDECODABLE:
             return
         except AppError as error:
-            self._send(identity, Refused(reason=reason_of(error)))
+            self._send(identity, Refused(reason=as_read_there(reason_of(error))))
 
     def _greet(self, identity: bytes, user: str, hello: Hello) -> None:
         try:
             check_version("laptop", hello.link, hello.program)
             self._admit(identity, user, hello)
         except (CodedError, OSError) as error:
-            why = _refusal(error)
+            why = not_started(error)
             _log.warning("laptop refused", why=str(error))
             if self._session is not None:
                 self._session.note(LinkNotice.PEER_REFUSED, why=why)
-            self._send(identity, Refused(reason=why))
+            self._send(identity, Refused(reason=as_read_there(why)))
             return
         assert self._laptop is not None
         seal = self._laptop.seal
@@ -366,14 +367,6 @@ def config_at_start(home: Home) -> Config:
     """
     held = held_session(home)
     return own_config(home) if held is None else held.config
-
-
-def _refusal(error: CodedError | OSError) -> Reason:
-    """As the laptop is told it, where a file of this computer would be taken for one of its own."""
-    if isinstance(error, CodedError):
-        why = reason_of(error)
-        return why if isinstance(error.code, LinkFault) else reason(LinkFault.NOT_STARTED, detail=why)
-    return reason(LinkFault.NOT_STARTED, detail=str(error))
 
 
 def serve_joints(home: Home, port: int, watch: Callable[[str], None]) -> None:

@@ -15,14 +15,25 @@ from msgspec.structs import replace
 
 from app.demo.two_hosts import free_port
 from app.ipc import streams
-from app.ipc.links import OrderedSender, address
-from app.ipc.messages import OperatorCommand
+from app.ipc.links import LatestReceiver, OrderedSender, address
+from app.ipc.messages import LinkHealth, OperatorCommand
 from app.ipc.messages import OperatorKind as K
 from app.link.client import LinkClient
 from app.link.keys import Peer, add_peer, own_key
 from app.link.packets import PacketSeal, new_packet_key
 from app.link.port import JointsPort
-from app.link.wire import VERSION, FromLaptop, Hello, LinkFault, Packet, Refused, ToJoints, Welcome, program
+from app.link.wire import (
+    VERSION,
+    FromLaptop,
+    Hello,
+    LinkFault,
+    Packet,
+    Refused,
+    ToJoints,
+    ToLaptop,
+    Welcome,
+    program,
+)
 from app.session.host import make_setup
 from app.system.config import Config, JointsConfig
 from app.system.paths import Home
@@ -35,7 +46,10 @@ OVER, RUNS = (Refused(reason=reason(fault, session="s")) for fault in (LinkFault
 
 
 class Joints:
-    """The exoskeleton's computer: it answers each greeting, the last answer again and again, and nothing else."""
+    """The exoskeleton's computer: it answers each greeting, the last answer again and again.
+
+    A welcome is followed by the last frame, if there is one; nothing else is sent.
+    """
 
     def __init__(self, home: Home, laptop: Home, answers: tuple[Welcome | Refused, ...]) -> None:
         number = free_port()
@@ -44,6 +58,7 @@ class Joints:
         add_peer(laptop, Peer(name="joints", public=own_key(home).public, paired_at="", host=self.host))
         self.frames: list[ToJoints] = []
         self.packets: list[Packet] = []
+        self.last: ToLaptop | None = None
         self._answers = [*answers]
         self._port = JointsPort(home, number)
         self._ending = threading.Event()
@@ -67,6 +82,8 @@ class Joints:
                 if isinstance(message, Hello):
                     answer = self._answers.pop(0) if len(self._answers) > 1 else self._answers[0]
                     self._port.send_frame(identity, msgspec.msgpack.encode(answer))
+                    if self.last is not None and isinstance(answer, Welcome):
+                        self._port.send_frame(identity, msgspec.msgpack.encode(self.last))
                 else:
                     self.frames.append(message)
 
@@ -119,6 +136,22 @@ def test_it_ends_with_its_session_and_waits_for_the_end_of_one_before(
     assert link._fault == answers[-1].reason
     assert bool(joints.frames) is (WELCOME in answers)
     assert not any(frame.ends for frame in joints.frames)
+
+
+def test_the_console_is_told_why_a_session_could_not_start_before_the_link_ends(begin: Begin) -> None:
+    """Its end comes within 50 ms of the health that was sent before, which says nothing of it."""
+    link, joints = begin((WELCOME,))
+    fault = reason(LinkFault.NOT_STARTED, detail="no drives")
+    joints.last = ToLaptop(number=1, acknowledged=0, commands=0, ended=True, fault=fault)
+    console = LatestReceiver(address(link._setup.links, streams.LINK.name), LinkHealth)
+    link._publish(time.monotonic_ns())
+    link._health_ns += int(PATIENCE_S * 1e9)  # the next one is not due by itself
+    link.run()
+    told = []
+    while (health := console.receive(0.5)) is not None:
+        told.append(health.fault)
+    console.close()
+    assert told[-1:] == [fault]
 
 
 @pytest.mark.parametrize(

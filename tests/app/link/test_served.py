@@ -22,12 +22,14 @@ from app.ipc.streams import NS_PER_MS
 from app.link.beats import LOST_NS
 from app.link.clock import ClockEstimate
 from app.link.served import ServedSession
-from app.link.wire import SessionRequest, StopMark
+from app.link.wire import LinkFault, SessionRequest, StopMark
 from app.session.host import make_setup
 from app.system.config import Config, JointsConfig
 from app.system.paths import Home
+from hal.errors import CanFault
 from logs.journal import CHANGES
 from logs.read import records
+from logs.reason import Reason, key_of
 from logs.records import Change
 from profiles.schema import DEMO_PATIENT
 from testing.fake_host import STANDING
@@ -43,6 +45,14 @@ class NoWorkers(Executor):
     """Starts and ends no process."""
 
     def submit(self, _call: Callable[..., Any], /, *_args: Any, **_kwargs: Any) -> Future[Any]:
+        return Future()
+
+
+class AtOnce(Executor):
+    """Starts and ends a session's processes before it goes on."""
+
+    def submit(self, call: Callable[..., Any], /, *args: Any, **kwargs: Any) -> Future[Any]:
+        call(*args, **kwargs)
         return Future()
 
 
@@ -273,6 +283,20 @@ def test_keys_that_are_too_old_go_to_control_which_shows_that_it_refuses_them(
 def acknowledged(there: Served) -> list[tuple[int, int]]:
     """The STOPs that the laptop is told of."""
     return [(one.lease, one.sequence) for one in there.session.stops]
+
+
+def test_a_laptop_is_told_that_it_is_this_computer_s_file_that_keeps_a_session_from_starting(tmp_path: Path) -> None:
+    """A sentence of the other computer's adapter would send its reader to the laptop's own."""
+    config = Config(joints=JointsConfig(kind="can", interface="slcan", channel="/dev/ttyACM0"))
+    made = make_setup(Home(tmp_path), config, DEMO_PATIENT, None, permission=None)
+    session = ServedSession(replace(made, linked=True), AtOnce(), held=False)
+    session.close_links()
+    assert session.ended
+    assert session.fault is not None
+    assert session.fault.code == key_of(LinkFault.NOT_STARTED)
+    detail = session.fault.values["detail"]
+    assert isinstance(detail, Reason)
+    assert (detail.code, detail.values["bus"]) == (key_of(CanFault.NOT_SHARED), "/dev/ttyACM0")
 
 
 def test_what_an_editor_changed_here_is_on_record_under_the_laptops_operator(tmp_path: Path) -> None:

@@ -19,14 +19,15 @@ from app.demo.two_hosts import free_port
 from app.ipc import streams
 from app.ipc.links import LatestReceiver, address
 from app.ipc.messages import LinkHealth
+from app.link import remote as their_end
 from app.link import served
 from app.link.client import LinkClient
-from app.link.keys import Peer, add_peer, own_key
+from app.link.keys import Peer, add_peer, own_key, own_name
 from app.link.pairing import Offer, new_code, pair, write_offer
 from app.link.questions import Answer, Asking, PairBegin, PairConfirm, PairRefused, Who, encode, find
 from app.link.remote import Remote
 from app.link.server import JointsServer
-from app.link.wire import VERSION, LinkFault, Refused, ToJoints, ToLaptop, Welcome
+from app.link.wire import VERSION, Hello, LinkFault, Refused, ToJoints, ToLaptop, Welcome, program
 from app.session.host import make_setup
 from app.system.config import Config, JointsConfig, SessionSetup
 from app.system.errors import AppError
@@ -250,6 +251,25 @@ def test_a_laptop_is_told_whose_file_is_broken(joints: Joints, tmp_path: Path) -
     assert isinstance(refused, Refused)
     assert refused.reason.code == key_of(LinkFault.NOT_STARTED)
     assert render(refused.reason).startswith("The exoskeleton's computer could not start the session: The config")
+
+
+class OtherHello(Hello, frozen=True, kw_only=True, tag="hello", rename={"request": "wanted"}):
+    """A greeting that has in common with this version's what every version's has."""
+
+
+@pytest.mark.parametrize("greeting", [Hello, OtherHello])
+@pytest.mark.parametrize("theirs", [VERSION - 1, VERSION + 1])
+def test_a_laptop_of_another_version_is_told_which_side_is_older_as_it_is_read_there(
+    joints: Joints, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, theirs: int, greeting: type[Hello]
+) -> None:
+    setup = paired(joints, Home(tmp_path / "laptop"))
+    monkeypatch.setattr(their_end, "VERSION", theirs)
+    monkeypatch.setattr(their_end, "Hello", greeting)
+    refused = greeted(setup)
+    assert isinstance(refused, Refused)
+    assert refused.reason.code == key_of(LinkFault.OLDER_HERE if theirs < VERSION else LinkFault.OLDER_THERE)
+    versions = {"here": f"{program()}/{theirs}", "there": f"{program()}/{VERSION}"}
+    assert refused.reason.values == {"host": own_name(), **versions}
 
 
 def test_foreign_peers_from_before_a_session_are_none_of_its(
