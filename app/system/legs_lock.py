@@ -101,10 +101,10 @@ def check_legs_free(home: Home) -> None:
 
 
 def lock_paths(setup: SessionSetup) -> tuple[Path, ...]:
-    """The home's, and one for each bus of real drives."""
+    """The home's, and one for each bus of real drives; those of another computer are that one's to lock."""
     joints = setup.config.joints
     at_home = (Home(setup.home).legs_lock,)
-    if joints.kind == "simulated":
+    if joints.kind == "simulated" or setup.joints_elsewhere:
         return at_home
     from hal.joints.can.bus import with_bus  # brings python-can: not before the console's first paint
 

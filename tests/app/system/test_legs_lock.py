@@ -106,6 +106,12 @@ def test_a_bus_that_one_program_alone_can_read_is_no_sessions(tmp_path: Path) ->
         claim_legs(setup)
 
 
+def test_a_laptop_is_refused_no_bus_that_it_does_not_use(tmp_path: Path) -> None:
+    """Its description of joints and device is from when it had the drives itself."""
+    joints = JointsConfig(kind="can", interface="slcan", host="exo.local:7447", device=str(tmp_path / "none.toml"))
+    assert lock_paths(setup_of(tmp_path, joints)) == (Home(tmp_path).legs_lock,)
+
+
 def test_drives_are_the_same_to_a_user_who_may_not_write_to_the_first_folder(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
