@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import struct
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -30,9 +31,11 @@ CAN_ERR_BUSOFF = 0x040
 CAN_ERR_BUSERROR = 0x080
 CAN_ERR_RESTARTED = 0x100
 
-# Interfaces of python-can let these out too: for a line that was cut (slcan), for a channel of another interface's kind
-# (pcan: KeyError, gs_usb: AttributeError), and where their driver is missing (kvaser: NameError).
-RECEIVE_ERRORS = (can.CanError, OSError, ValueError, TypeError, LookupError)
+# Interfaces of python-can let these out too: for a frame that was cut (slcan, serial, seeedstudio), for a channel of
+# another interface's kind (pcan: KeyError, gs_usb: AttributeError), and where their driver is missing (kvaser:
+# NameError).
+_MALFORMED_ERRORS = (ValueError, TypeError, LookupError, struct.error)
+RECEIVE_ERRORS = (can.CanError, OSError, *_MALFORMED_ERRORS)
 _OPEN_ERRORS = (*RECEIVE_ERRORS, ImportError, NameError, AttributeError)
 
 IFF_UP = 1  # linux/if.h
@@ -296,7 +299,7 @@ class BusPort:
 
     def _report_receiving(self, error: Exception) -> None:
         broken = error.__cause__ is not None and not isinstance(error.__cause__, OSError)
-        if broken or isinstance(error, ValueError | TypeError | LookupError):
+        if broken or isinstance(error, _MALFORMED_ERRORS):
             self.report(BusFault.MALFORMED, CanFault.NOT_A_CAN_FRAME, detail=str(error))
         else:
             self.report(BusFault.INTERFACE_GONE, CanFault.RECEIVE_FAILED, detail=str(error))

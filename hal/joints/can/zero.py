@@ -22,6 +22,7 @@ STILL_FOR_S = 1.0
 STILL_WITHIN_RAD = math.radians(0.5)
 STILL_SPEED_RAD_S = 0.1
 TAKES_EFFECT_S = 1.5  # CubeMars drives act on it after 0.5 to 1.5 s, and write it to flash
+REPLY_WITHIN_S = 0.5  # a drive takes milliseconds; a busy computer may take longer to ask and to look
 ZERO_WITHIN_RAD = math.radians(1.0)
 
 
@@ -71,7 +72,7 @@ def _poll(joints: SocketCanJoints, drive: Drive) -> float:
     before = drive.replies
     for _ in range(3):
         joints.send(drive, drive.order(Order.DISABLE, time.monotonic_ns()))
-        if joints.listen(lambda: drive.replies > before, 0.1):
+        if joints.listen(lambda: drive.replies > before, REPLY_WITHIN_S):
             return drive.position_rad
     raise HardwareError(DrivesFault.ZERO_NO_REPLY, **drive.identity)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import random
 import socket
+import struct
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -63,6 +64,7 @@ def _broken_datagram() -> can.CanOperationError:
         (_broken_datagram(), BusFault.MALFORMED),
         (ValueError("select on a closed socket"), BusFault.MALFORMED),
         (IndexError("string index out of range"), BusFault.MALFORMED),  # slcan, of a line that was cut
+        (struct.error("unpack requires a buffer of 4 bytes"), BusFault.MALFORMED),  # serial and seeedstudio, the same
     ],
 )
 def test_receiving_that_breaks_is_reported(error: Exception, flag: BusFault) -> None:

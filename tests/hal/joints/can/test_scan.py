@@ -5,6 +5,7 @@ from __future__ import annotations
 import gzip
 import io
 import math
+import struct
 import threading
 from pathlib import Path
 
@@ -107,7 +108,14 @@ def test_listening_distinguishes_a_bus_in_use_from_one_that_is_still(make_rig: M
         assert listen(bus, 0.3).busy
 
 
-@pytest.mark.parametrize("error", [IndexError("string index out of range"), ValueError("non-hexadecimal number")])
+@pytest.mark.parametrize(
+    "error",
+    [
+        IndexError("string index out of range"),
+        ValueError("non-hexadecimal number"),
+        struct.error("unpack requires a buffer of 4 bytes"),
+    ],
+)
 def test_a_line_that_was_cut_is_told(error: Exception) -> None:
     with BreakingBus(receiving=error) as bus, refused(CanFault.RECEIVE_FAILED, bus=bus.channel_info, detail=str(error)):
         listen(bus, 0.3)
