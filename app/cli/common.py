@@ -58,6 +58,7 @@ class CliFault(Enum):
     NOT_FINITE = auto()  # option, value
     NO_MOMENT = auto()  # option, value
     OPTION_UNUSED = auto()  # option, command
+    PREFLIGHT_ELSEWHERE = auto()  # host
     HOME_EMPTY = auto()
     NO_TERMINAL = auto()
     SYSTEM = auto()  # detail

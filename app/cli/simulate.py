@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.live import Live
 
 from app.cli.common import (
+    CliFault,
     HomeOption,
     Json,
     bar,
@@ -29,6 +30,7 @@ from app.cli.common import (
 from app.cli.permission import sign_in
 from app.ipc.states import Action
 from app.system.config import load_config, load_device
+from app.system.errors import AppError
 from app.system.operators import Permission
 from app.system.paths import Home, find_home
 from app.text.catalogue import tr
@@ -69,11 +71,13 @@ def simulate(
     if action in {"corners", "dropout"}:
         unused = {"--gait": gait, "--video": video, "--preflight": preflight}
         refuse_options(action, unused | ({"--plot": plot_file} if action == "corners" else {}))
-    if preflight:
-        sign_in(home, Permission.OPERATE)
-    console = wide_console()
     place = find_home(home)
     config = load_config(place.config)
+    if preflight:
+        if config.joints.host:
+            raise AppError(CliFault.PREFLIGHT_ELSEWHERE, host=config.joints.host)
+        sign_in(home, Permission.OPERATE)
+    console = wide_console()
     device = load_device(config.joints)
     if action == "dropout":
         _drop_out(console, profile_named(place, profile), device, json_file, plot_file)

@@ -8,6 +8,7 @@ import resource
 import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from enum import Enum
 from pathlib import Path
 
@@ -151,7 +152,7 @@ def examine(home: Home) -> Iterator[Finding]:
 
 
 def check_model(home: Home, config: Config) -> Iterator[Finding]:
-    """The hand model is there and the one that was checked."""
+    """The hand model is there and the one that was checked; a computer that serves joints needs none."""
     try:
         yield good(T.MODEL, F.MODEL_FOUND, path=find_model(home, config))
     except AppError as error:
@@ -159,7 +160,17 @@ def check_model(home: Home, config: Config) -> Iterator[Finding]:
             ModelFault.DAMAGED: run("rleex model --again"),
             ModelFault.CONFIGURED_MISSING: reason(R.EDIT_SETTINGS, path=home.config),
         }
-        yield bad(T.MODEL, reason_of(error), remedies.get(error.code, run("rleex model")))
+        grade = note if _serves_joints(home, config) else bad
+        yield grade(T.MODEL, reason_of(error), remedies.get(error.code, run("rleex model")))
+
+
+def _serves_joints(home: Home, config: Config) -> bool:
+    """Whether a laptop is paired, which runs perception; keys that can't be read tell of none."""
+    from app.link.keys import peers_of
+
+    with suppress(AppError):
+        return not config.joints.host and any(not peer.host for peer in peers_of(home))
+    return False
 
 
 def check_cameras(config: Config, devices: Path = Path("/dev")) -> Iterator[Finding]:
@@ -293,7 +304,7 @@ def check_link(home: Home, config: Config) -> Iterator[Finding]:
     host = config.joints.host
     if not host:
         return
-    from app.link.keys import joints_at
+    from app.link.keys import PEERS, joints_at
     from app.link.questions import check_version, find
 
     try:
@@ -308,8 +319,12 @@ def check_link(home: Home, config: Config) -> Iterator[Finding]:
         return
     values = {"round_trip_ms": found.round_trip_ns / 1e6, "uncertainty_ms": found.uncertainty_ns / 1e6}
     yield good(T.LINK, F.LINK_ANSWERS, host=host, version=found.program, offset_s=found.offset_ns / 1e9, **values)
-    if joints_at(home, host) is None:
-        yield bad(T.LINK, reason(LinkFault.NOT_PAIRED, host=host), run(f"rleex link pair {host}"))
+    pair = f"rleex link pair {host}"
+    try:
+        if joints_at(home, host) is None:
+            yield bad(T.LINK, reason(LinkFault.NOT_PAIRED, host=host), run(pair))
+    except AppError as error:
+        yield bad(T.LINK, reason_of(error), run(f"rm {home.link_keys / PEERS} && {pair}"))
 
 
 def check_joints(config: Config) -> Iterator[Finding]:

@@ -20,7 +20,7 @@ from logs.reading.errors import InputError
 from logs.reading.formats import read_json
 
 _S = TypeVar("_S", bound=Struct)
-_KEY, _PEERS = "key.json", "peers.json"
+_KEY, PEERS = "key.json", "peers.json"
 
 
 class KeyPair(Struct, frozen=True, kw_only=True):
@@ -67,7 +67,7 @@ def own_key(home: Home) -> KeyPair:
 
 def peers_of(home: Home) -> tuple[Peer, ...]:
     """Every computer that this one is paired with. Raises AppError."""
-    path = home.link_keys / _PEERS
+    path = home.link_keys / PEERS
     return _read(path, _Peers).peers if path.exists() else ()
 
 
@@ -81,7 +81,7 @@ def add_peer(home: Home, peer: Peer) -> None:
     others = tuple(
         one for one in peers_of(home) if one.public != peer.public and not (peer.host and _is_at(one, peer.host))
     )
-    write_private(home.link_keys / _PEERS, _Peers(peers=(*others, peer)))
+    write_private(home.link_keys / PEERS, _Peers(peers=(*others, peer)))
 
 
 def forget_peer(home: Home, name: str) -> Peer:
@@ -91,7 +91,7 @@ def forget_peer(home: Home, name: str) -> Peer:
     if len(found) != 1:
         raise AppError(LinkFault.AMBIGUOUS_PEER if found else LinkFault.NO_SUCH_PEER, name=name)
     (gone,) = found
-    write_private(home.link_keys / _PEERS, _Peers(peers=tuple(one for one in known if one is not gone)))
+    write_private(home.link_keys / PEERS, _Peers(peers=tuple(one for one in known if one is not gone)))
     return gone
 
 

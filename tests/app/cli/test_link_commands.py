@@ -99,6 +99,16 @@ def test_joints_of_another_computer_are_not_served(
     assert "joints.host (exo.local:7447)" in refused(monkeypatch, capsys, "joints")
 
 
+def test_a_pre_flight_is_kept_on_the_computer_that_has_the_joints(
+    home: Home, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Control looks there alone."""
+    home.config.write_text('[joints]\nhost = "exo.local:7447"\n', encoding="utf-8")
+    said = refused(monkeypatch, capsys, "simulate", "sit-down", "-p", "demo", "--preflight")
+    assert "joints.host (exo.local:7447)" in said
+    assert [path.name for path in home.root.iterdir()] == ["config.toml"]
+
+
 def test_a_malformed_address_in_the_configuration_is_named(
     home: Home, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import os
+import threading
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
@@ -12,10 +15,14 @@ from rich.console import Console
 from typer.testing import CliRunner
 
 from app.cli import cli
+from app.demo.two_hosts import free_port
 from app.diagnostics import doctor
 from app.diagnostics.can_doctor import CanFinding, CanRemedy
 from app.diagnostics.doctor import DoctorFinding as F
 from app.diagnostics.findings import Finding, Grade, note, show
+from app.link.keys import Peer, add_peer
+from app.link.server import JointsServer
+from app.link.wire import LinkFault
 from app.system.config import CameraConfig, Config, JointsConfig
 from app.system.hand_model import MODEL_NAME
 from app.system.paths import Home
@@ -50,6 +57,49 @@ def test_a_model_that_is_damaged_or_wrongly_named_has_a_remedy_of_its_own(tmp_pa
     assert one(doctor.check_model(home, Config())).remedy == doctor.run("rleex model --again")
     named = one(doctor.check_model(home, Config(model=str(tmp_path / "none.task"))))
     assert named.remedy == reason(doctor.Remedy.EDIT_SETTINGS, path=home.config)
+
+
+@pytest.mark.parametrize(
+    ("peer", "joints", "grade"),
+    [
+        (Peer(name="laptop", public="k", paired_at=""), JointsConfig(), Grade.NOTE),
+        (Peer(name="exo", public="k", paired_at="", host="exo.local:7447"), JointsConfig(), Grade.BAD),
+        (Peer(name="laptop", public="k", paired_at=""), JointsConfig(host="exo.local:7447"), Grade.BAD),
+    ],
+)
+def test_a_computer_that_serves_joints_needs_no_model(
+    tmp_path: Path, peer: Peer, joints: JointsConfig, grade: Grade
+) -> None:
+    """Its laptop runs perception."""
+    add_peer(Home(tmp_path), peer)
+    assert one(doctor.check_model(Home(tmp_path), Config(joints=joints))).grade is grade
+
+
+@contextmanager
+def answering(home: Home) -> Iterator[str]:
+    """An exoskeleton's computer that answers questions; its address."""
+    number = free_port()
+    server = JointsServer(home, number, ThreadPoolExecutor(1))
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    try:
+        yield f"127.0.0.1:{number}"
+    finally:
+        server.end()
+        thread.join()
+        server.close()
+
+
+def test_keys_of_the_link_that_can_not_be_read_are_a_finding(tmp_path: Path) -> None:
+    laptop = Home(tmp_path / "laptop")
+    peers = laptop.link_keys / "peers.json"
+    peers.parent.mkdir(parents=True)
+    peers.write_text("{")
+    with answering(Home(tmp_path / "joints")) as host:
+        answers, keys = doctor.check_link(laptop, Config(joints=JointsConfig(host=host)))
+    assert (answers.grade, keys.grade) == (Grade.GOOD, Grade.BAD)
+    assert keys.what == reason(LinkFault.KEYS_DAMAGED, path=peers)
+    assert keys.remedy == doctor.run(f"rm {peers} && rleex link pair {host}")
 
 
 def test_a_webcam_that_is_named_but_missing_is_bad(tmp_path: Path) -> None:
