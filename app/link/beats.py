@@ -14,7 +14,7 @@ from app.audit.sink import PERIOD_NS, other_trail
 from app.ipc.messages import AuditHealth, LinkHealth
 from app.ipc.states import Event
 from app.ipc.streams import AUDIT_HEALTH, NS_PER_MS
-from app.link.clock import ClockEstimate, RoundTrip, update
+from app.link.clock import STEP_NS, ClockEstimate, RoundTrip, update
 from app.link.wire import Packet
 from logs.reason import reason
 from logs.records import OtherTrail
@@ -23,9 +23,6 @@ BEAT_NS = 20 * NS_PER_MS  # a packet of the link's own socket in each direction;
 WINDOW_BEATS = 250  # five seconds: loss is told to 0.4 %
 _ROUND_TRIPS = 100  # two seconds
 LOST_NS = 1_230_000_000  # a console's silence until it pauses the legs, and the longest pause: then they are held
-# What contradicts less is followed without a note: chrony's quickest usual slew (`maxslewrate`, 83,333 ppm) moves a
-# clock by 1.7 ms from packet to packet.
-STEP_NS = 10 * NS_PER_MS
 WALL_STEP_NS = 500_000_000  # as control's own event of a clock's step
 
 
@@ -145,7 +142,7 @@ class Beats:
             self._before = self.clock or self._before
             self.clock = None
             return
-        self.quality.add_delay(trip.delay_ns)
+        self.quality.add_delay(max(0, trip.delay_ns))  # negative where a clock was slewed
         new = update(self.clock or self._before, trip)
         self.clock, self._before = new.estimate, None
         if abs(new.step_ns) >= STEP_NS:

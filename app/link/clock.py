@@ -27,7 +27,12 @@ from app.ipc.messages import (
     SessionStatus,
     TriggerReport,
 )
+from app.ipc.streams import NS_PER_MS
 from logs.records.session import DRIFT_PPM
+
+# What contradicts less is followed without a note: chrony's quickest usual slew (`maxslewrate`, 83,333 ppm) moves a
+# clock by 1.7 ms from packet to packet, and as much while one waits at the other end.
+STEP_NS = 10 * NS_PER_MS
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,9 +61,10 @@ class RoundTrip:
     def stood_still(self) -> bool:
         """Whether our clock stood still meanwhile, as of a computer that slept: they waited longer than it all took.
 
-        Then `received_ns − sent_ns` says nothing of the clocks as they are now.
+        Then `received_ns − sent_ns` says nothing of the clocks as they are now. A clock that is slewed seems to wait
+        longer too, but by less than STEP_NS.
         """
-        return self.delay_ns < -_drift_ns(self.returned_ns - self.sent_ns)
+        return self.delay_ns < -max(STEP_NS, _drift_ns(self.returned_ns - self.sent_ns))
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,11 +106,9 @@ class ClockUpdate:
 def update(before: ClockEstimate | None, trip: RoundTrip) -> ClockUpdate:
     """The estimate with one more round trip; after a step only that round trip is known."""
     drift_ns = _drift_ns(trip.returned_ns - trip.sent_ns)
-    new = ClockEstimate(
-        trip.returned_ns,
-        trip.answered_ns - trip.returned_ns - drift_ns,
-        trip.received_ns - trip.sent_ns + drift_ns,
-    )
+    # Inside out where a clock was slewed by more than both ways took.
+    low_ns, high_ns = sorted((trip.answered_ns - trip.returned_ns, trip.received_ns - trip.sent_ns))
+    new = ClockEstimate(trip.returned_ns, low_ns - drift_ns, high_ns + drift_ns)
     if before is None:
         return ClockUpdate(new)
     known = before.at(trip.returned_ns)

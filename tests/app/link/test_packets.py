@@ -66,11 +66,17 @@ def test_noise_is_nothing(noise: bytes) -> None:
     assert joints.open(noise) is None
 
 
-def exchange(one: Beats, other: Beats, now_ns: int, ahead_ns: int, delay_ns: int) -> None:
-    """A packet each way; the other's clock is ahead."""
-    other.take(one.next(now_ns, now_ns), now_ns + delay_ns + ahead_ns)
-    later_ns = now_ns + delay_ns
-    one.take(other.next(later_ns + ahead_ns, later_ns), later_ns + delay_ns)
+def exchange(
+    one: Beats, other: Beats, now_ns: int, ahead_ns: int, delay_ns: int, *, waits_ns: int = 0, ppm: int = 0
+) -> None:
+    """A packet each way, the second one later; the other's clock is ahead, and quicker from now on."""
+
+    def there(at_ns: int) -> int:
+        return at_ns + ahead_ns + (at_ns - now_ns) * ppm // 1_000_000
+
+    other.take(one.next(now_ns, now_ns), there(now_ns + delay_ns))
+    later_ns = now_ns + delay_ns + waits_ns
+    one.take(other.next(there(later_ns), later_ns), later_ns + delay_ns)
 
 
 def test_both_ends_learn_the_offset() -> None:
@@ -84,15 +90,19 @@ def test_both_ends_learn_the_offset() -> None:
     assert laptop.quality.round_trip_ns == 2_000_000
 
 
-@pytest.mark.parametrize("ppm", [600, 83_333])
-def test_a_clock_that_is_slewed_is_followed_without_a_note(ppm: int) -> None:
-    """600: what NTP may do to a clock; 83,333: chrony's quickest slew."""
+@pytest.mark.parametrize("ppm", [600, 83_333, -83_333])
+@pytest.mark.parametrize(("delay_ns", "waits_ns"), [(3 * MS, 0), (MS // 10, 18 * MS), (MS // 10, MS)])
+def test_a_clock_that_is_slewed_is_followed_without_a_note(ppm: int, delay_ns: int, waits_ns: int) -> None:
+    """600: what NTP may do to a clock; 83,333: chrony's quickest slew. A packet waits at one end or at the other."""
     laptop, joints = Beats(), Beats()
     for number in range(1, 500):
-        exchange(laptop, joints, number * BEAT_NS, number * BEAT_NS * ppm // 1_000_000, 3 * MS)
+        ahead_ns = number * BEAT_NS * ppm // 1_000_000
+        exchange(laptop, joints, number * BEAT_NS, ahead_ns, delay_ns, waits_ns=waits_ns, ppm=ppm)
+        assert laptop.clock is not None
+        assert abs(laptop.clock.offset_ns - ahead_ns) < 6 * MS
+        assert joints.clock is not None or number == 1
     assert laptop.steps == joints.steps == 0
-    assert laptop.clock is not None
-    assert abs(laptop.clock.offset_ns - 499 * BEAT_NS * ppm // 1_000_000) < 6 * MS
+    assert min(laptop.quality.round_trip_ns, joints.quality.round_trip_ns) >= 0
 
 
 def after_sleep(woken: Beats, other: Beats, now_ns: int, stood_ns: int) -> int:
