@@ -308,10 +308,10 @@ class ConsoleApp(SessionFlow):
                 self.bell()
             if not (live.ending or self.read_only):
                 self._record_ended(newly_ended(before, state.processes))
-        now_s, stop_ns = since_boot_s(), self.switch.sent_ns
+        now_s, stop_ns, touch = since_boot_s(), self.switch.sent_ns, self._legs_move(state)
         if stop_ns > self._stop_ns:  # taken out of the input before `on_event`, and a touch as every other key
-            self._stop_ns, self._idle = stop_ns, self._idle.touched(now_s)
-        if self._legs_move(state) and not self._idle.is_over(now_s):  # after the computer's sleep it does not count
+            self._stop_ns, touch = stop_ns, True
+        if touch and not self._idle.is_over(now_s):  # after the computer's sleep neither counts
             self._idle = self._idle.touched(now_s)
         if self._must_lock(state):
             self._lock_idle()

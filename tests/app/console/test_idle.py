@@ -143,13 +143,22 @@ async def test_the_key_that_wakes_a_computer_commands_nothing(
         assert kind not in host.kinds()
 
 
+@pytest.mark.parametrize("silent", [False, True], ids=["at rest", "moving, as far as the console knows"])
 @pytest.mark.parametrize("by", ["key", "click"])
-async def test_stop_acts_in_the_moment_a_computer_wakes(console: Opener, passes: Passes, by: str) -> None:
+async def test_the_stop_that_wakes_a_computer_acts_and_leads_to_the_lock(
+    console: Opener, passes: Passes, by: str, silent: bool
+) -> None:
     async with console() as open_console:
+        app, host = open_console.app, open_console.host
+        host.silent = silent
+        await open_console.until(lambda: (state := app.live_state()) and state.moving is silent)
         passes(NIGHT_S)
-        stop = open_console.press("space") if by == "key" else open_console.pilot.mouse_down(StopBar)
-        await stop
-        await open_console.until(lambda: OperatorKind.STOP in open_console.host.kinds())
+        await (open_console.press("space") if by == "key" else open_console.pilot.mouse_down(StopBar))
+        await open_console.until(lambda: OperatorKind.STOP in host.kinds())
+        host.silent = False
+        await open_console.until(lambda: isinstance(app.screen, LockScreen))
+        await open_console.press("k", "y", "a")
+        assert {OperatorKind.ACKNOWLEDGE, OperatorKind.ARM}.isdisjoint(host.kinds())
 
 
 async def test_a_control_that_wakes_later_delays_the_lock_only_so_long(console: Opener, passes: Passes) -> None:
@@ -164,15 +173,18 @@ async def test_a_control_that_wakes_later_delays_the_lock_only_so_long(console: 
         await open_console.until(lambda: isinstance(app.screen, LockScreen))
 
 
-async def test_who_stops_the_legs_sees_them_afterwards(console: Opener) -> None:
-    async with console() as open_console:
+async def test_who_stops_legs_at_rest_sees_them_for_the_whole_time(console: Opener, passes: Passes) -> None:
+    async with console(config=Config(idle_lock_s=1000.0)) as open_console:
         app, host = open_console.app, open_console.host
-        await _walk_unwatched(open_console)
+        passes(900.0)
         await open_console.press("space")
         await open_console.until(lambda: OperatorKind.STOP in host.kinds())
-        host.walked = {}
-        await open_console.until(lambda: (state := app.live_state()) and not state.moving)
+        await _beat(open_console)
+        passes(900.0)
+        await _beat(open_console)
         assert not isinstance(app.screen, LockScreen)
+        passes(100.0)
+        await open_console.until(lambda: isinstance(app.screen, LockScreen))
 
 
 async def test_a_hold_in_the_middle_of_a_walk_stays_in_sight_for_the_whole_time(
@@ -210,13 +222,6 @@ async def test_an_observers_console_never_locks_by_itself(console: Opener, passe
 async def _walk(open_console: Console) -> None:
     open_console.host.walked = {"action": Action.WALK, "progress": 0.2}
     await open_console.until(lambda: (state := open_console.app.live_state()) and state.moving)
-
-
-async def _walk_unwatched(open_console: Console) -> None:
-    """The legs move, and the last touch was before the time after which the console locks."""
-    await _walk(open_console)
-    _touched(open_console, ago_s=11.0)
-    await _beat(open_console)
 
 
 async def _beat(open_console: Console) -> None:
