@@ -132,7 +132,7 @@ Untimely = tuple[RequestRefusal, Compared]  # why a request of that moment is no
 
 
 def untimely_release(released_ns: int, pressed_ns: int, armed_ns: int, now_ns: int) -> Untimely | None:
-    """A stale release never acts, not even later, nor does one whose press began before the arming.
+    """A stale release never acts, not even later, nor does one whose press began before gestures could command.
 
     A wearer who pushes while nothing comes of it draws the hand back at last, and means nothing by it.
     """
@@ -333,8 +333,12 @@ def _disarm(tick: Tick, _: OperatorCommand) -> None:
 
 
 def _confirm_patient(tick: Tick, _: OperatorCommand) -> None:
+    first = not tick.state.patient_confirmed
     tick.update(patient_confirmed=True)
     tick.audit.append(records.PatientConfirmed(patient=tick.settings.patient))
+    if first and tick.state.armed_ns:  # armed anew: until now no push had an effect
+        tick.update(armed_ns=tick.now_ns)
+        tick.audit.append(records.Arming(armed=True, at_ns=tick.now_ns))
 
 
 def _act(tick: Tick, command: OperatorCommand) -> None:

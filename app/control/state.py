@@ -47,7 +47,7 @@ class ControlState(Struct, frozen=True, kw_only=True):
     sunk: frozenset[Joint] = frozenset()  # while they did not answer; until that is acknowledged
     stop_inputs: StopInputStates = ()
     running: RunningAction | None = None
-    armed_ns: int = 0  # since when a push counts: the arming, or an acknowledgement after it; 0: not armed
+    armed_ns: int = 0  # since when a push counts: arming, or confirmation or acknowledgement after it; 0: not armed
     patient_confirmed: bool = False
     stop_presses: int = 0  # since the last acknowledgement
     press_ns: int = 0  # when the one heard last, or the takeover that counts as one, was sent

@@ -155,6 +155,42 @@ def test_a_press_that_began_before_an_acknowledgement_commands_nothing_after_it(
     judge(rig, held_ms, acts)
 
 
+@pytest.mark.parametrize(("held_ms", "acts"), HELD_MS)
+def test_a_press_that_began_before_the_patient_was_confirmed_commands_nothing_after_it(
+    held_ms: float, acts: bool
+) -> None:
+    rig = armed_before_the_patient_was_confirmed()
+    rig.release(Gesture.ZERO, held_ms=held_ms)
+    rig.tick(20)
+    judge(rig, held_ms, acts)
+
+
+def test_a_second_confirmation_ends_no_press_and_none_arms() -> None:
+    rig = armed_before_the_patient_was_confirmed()
+    rig.send(K.CONFIRM_PATIENT)
+    rig.tick(20)
+    rig.release(Gesture.ZERO, held_ms=100)
+    rig.tick(20)
+    assert len(records_of(rig, records.Command)) == 1
+    assert [one.armed for one in records_of(rig, records.Arming)] == [True, True]
+    disarmed = Rig()
+    disarmed.send(K.CONFIRM_PATIENT)
+    disarmed.tick(2)
+    assert not now(disarmed).armed_ns
+    assert not records_of(disarmed, records.Arming)
+
+
+def armed_before_the_patient_was_confirmed() -> Rig:
+    """240 ms after the confirmation."""
+    rig = Rig()
+    rig.tick(2)
+    rig.send(K.ARM)
+    rig.tick(300)
+    rig.send(K.CONFIRM_PATIENT)
+    rig.tick(120)
+    return rig
+
+
 def judge(rig: Rig, held_ms: float, acts: bool) -> None:
     answers: list[records.Command | records.Refusal] = [*records_of(rig, records.Command)]
     answers += records_of(rig, records.Refusal)

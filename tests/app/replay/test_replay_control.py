@@ -13,7 +13,7 @@ from hypothesis.stateful import initialize
 
 from app.control.loop import limits_record
 from app.ipc.messages import OperatorKind
-from app.ipc.states import Action, Event
+from app.ipc.states import Action, Event, RequestRefusal
 from app.motion.plan import PLAN_SPEED_SHARE, PlanFault
 from app.replay.control import DECISIONS
 from app.replay.session import Replayed, Writer, replay
@@ -165,6 +165,20 @@ def test_trails_that_compared_the_release_with_the_arming_are_replayed_as_they_w
     now = [limits_record(SETTINGS), *rig.audit]
     now[now.index(command)] = msgspec.structs.replace(command, pressed_ns=armed_ns - 1)
     assert {one.field for one in replay(trail(now, "control")).differences} == {"decision"}
+
+
+def test_a_push_from_before_the_confirmation_is_refused_again() -> None:
+    rig = Rig()
+    rig.tick(2)
+    rig.send(K.ARM)
+    rig.tick(300)
+    rig.send(K.CONFIRM_PATIENT)
+    rig.tick(120)
+    rig.release(Gesture.ZERO, held_ms=400)
+    rig.tick(20)
+    refused = [body.reason for body in rig.audit if isinstance(body, r.Refusal)]
+    assert refused == [reason(RequestRefusal.RELEASED_BEFORE_ARMING)]
+    assert replayed(rig).differences == ()
 
 
 def without_presses(body: Body) -> Body:
