@@ -1,7 +1,7 @@
 """Pre-flight: before an action first moves a patient in the real device, its rehearsal must have passed.
 
-A result holds for exactly the parameters it was made with: body, gait, ranges, device, program version and the steps of
-a walk together name its file in the home. Whatever changes, a new rehearsal is due.
+A result holds for exactly what it was made with: body, gait, ranges, device and the program's files that it follows
+from together name its file in the home. Whatever changes, a new rehearsal is due.
 """
 
 from __future__ import annotations
@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Iterable, Mapping
 from enum import Enum
-from importlib.metadata import version
 from pathlib import Path
 
 import msgspec
@@ -22,6 +21,7 @@ from app.motion.rehearsal import SEQUENCES, STARTS, rehearse
 from app.motion.rehearsal_checks import RehearsalVerdict
 from app.motion.trajectory import nominal_pose, plan
 from app.system.paths import Home
+from app.system.program import rehearsal_identity
 from hal.errors import HardwareError
 from hal.joints.device import Exoskeleton
 from hal.joints.guard import limits_of
@@ -57,9 +57,9 @@ class PreflightFault(Enum):
 
 
 def preflight_key(patient: Patient, device: Exoskeleton, action: Action) -> str:
-    """Hexadecimal name of everything that a rehearsal depends on, and of the steps that it took."""
+    """Hexadecimal name of everything that a rehearsal depends on."""
     ranges = (patient.hip_max_rad, patient.knee_max_rad)
-    content = (version("rleex"), action, SEQUENCES.get(action), patient.body, patient.gait, ranges, device)
+    content = (rehearsal_identity(), action, patient.body, patient.gait, ranges, device)
     return hashlib.sha256(msgspec.json.encode(content, order="sorted")).hexdigest()
 
 

@@ -1,4 +1,4 @@
-"""Which program and which rules a trail was written by: hashes of their files, beside the version's number."""
+"""Which program and which rules a trail or a rehearsal's verdict comes from: hashes of files, and the version."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ VERSION, PROGRAM, RULES = "rleex", "program, SHA-256", "rules, SHA-256"  # names
 _PROGRAM = ("app", "hal", "kgdfa", "logs", "profiles")
 # What decides: gesture, distance, button, vote; requests, gait, events; plans; limits.
 _RULES = ("kgdfa", "app/control", "app/motion", "app/perception", "app/ipc", "hal/joints")
+_REHEARSED = ("app/motion", "hal")  # what plans, follows, guards and simulates
 _SUFFIXES = {".py", ".npz", ".toml"}
 
 
@@ -20,6 +21,12 @@ _SUFFIXES = {".py", ".npz", ".toml"}
 def program_identity() -> dict[str, str]:
     """By name, for the trail and for comparing with one."""
     return {VERSION: version("rleex"), PROGRAM: _hash(_PROGRAM), RULES: _hash(_RULES)}
+
+
+@cache
+def rehearsal_identity() -> str:
+    """Of the files that a rehearsal's verdict follows from, whether or not the version's number has changed."""
+    return _hash(_REHEARSED)
 
 
 def _hash(folders: Iterable[str]) -> str:

@@ -17,7 +17,7 @@ from app.motion.preflight import (
     preflight_passed,
     refuse_unfit,
 )
-from app.motion.rehearsal import SEQUENCES, WALK_PHASES, rehearse
+from app.motion.rehearsal import rehearse
 from app.motion.rehearsal_checks import RehearsalFault, RehearsalVerdict
 from app.motion.trajectory import nominal_pose, plan
 from app.system.paths import Home
@@ -110,10 +110,10 @@ def test_a_preflight_is_kept_for_exactly_its_parameters(tmp_path: Path) -> None:
     assert not preflight_passed(home, patient(), weaker, Action.WALK).passed
 
 
-def test_a_verdict_of_a_shorter_walk_clears_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    home, one_walk = Home(tmp_path), WALK_PHASES[:-3]
+def test_a_verdict_of_another_program_clears_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    home = Home(tmp_path)
     with monkeypatch.context() as earlier:
-        earlier.setitem(SEQUENCES, Action.WALK, one_walk)
+        earlier.setattr("app.motion.preflight.rehearsal_identity", lambda: "0" * 64)
         keep_verdict(home, patient(), DEVICE, Action.WALK, verdict(Action.WALK, passed=True))
         assert cleared_actions(home, patient(), DEVICE) == {Action.WALK}
     assert cleared_actions(home, patient(), DEVICE) == frozenset()
