@@ -105,6 +105,7 @@ class TerminalOutput:
                 self._queue = deque(kept)
             if self._dirty and droppable:
                 self.dropped += 1
+                self._changed.notify()  # the thread may have been kept from running while frames were dropped
                 return
             self._queue.append(_Chunk(data.encode("utf-8", "replace"), now_s, droppable))
             self._changed.notify()
@@ -122,12 +123,13 @@ class TerminalOutput:
     def _run(self) -> None:
         while True:
             with self._changed:
-                if not self._queue and self._dirty and self._end_s is None:
+                self._changed.wait_for(lambda: self._queue or self._dirty or self._end_s is not None)
+                if not self._queue:
+                    if self._end_s is not None:
+                        return
                     self._dirty = False
                     self._repaint()
-                self._changed.wait_for(lambda: self._queue or self._end_s is not None)
-                if not self._queue:
-                    return
+                    continue
                 chunk = self._queue.popleft()
             try:
                 whole = self._put(chunk.data)

@@ -366,6 +366,23 @@ def test_frames_are_dropped_and_modes_kept_until_somebody_reads() -> None:
     pipe.output.close()
 
 
+def test_frames_come_again_after_the_output_s_own_thread_was_kept_from_running() -> None:
+    """As on a busy machine, while its frames grow too old."""
+    pipe = Pipe()
+    end_s = time.monotonic() + 5.0
+    with pipe.output._changed:
+        while pipe.output.dropped == 0 and time.monotonic() < end_s:
+            pipe.output.write("frame")
+            time.sleep(0.01)
+    while pipe.repainted == 0 and time.monotonic() < end_s:
+        time.sleep(0.01)
+    assert pipe.repainted == 1
+    assert pipe.output.dropped > 0
+    pipe.output.write("anew")
+    assert pipe.read() == b"anew"
+    pipe.output.close()
+
+
 def test_an_output_that_nobody_reads_is_closed_in_time() -> None:
     pipe = Pipe()
     for _ in range(20):
