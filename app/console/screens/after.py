@@ -87,7 +87,7 @@ class AfterScreen(ConsoleScreen):
         yield from self.compose_bottom()
 
     def on_mount(self) -> None:
-        self.query_one("#note").focus()
+        self.query_one(f"#{RATINGS[0][0]}").focus()  # no text field: the yes of a question that did not come is no note
 
     async def on_button_pressed(self) -> None:
         await self.action_save()

@@ -41,7 +41,7 @@ async def test_a_note_of_several_lines_is_pasted_whole_or_refused_with_a_sentenc
         app = open_console.app
         await open_console.press("e")
         await open_console.shows("After the session")
-        note = app.screen.query_one("#note", Input)
+        note = app.screen.query_one("#note", Input).focus()
         app.post_message(Paste("left heel sore\nno stairs\r\nnext time shorter\n"))
         await open_console.until(lambda: note.value)
         assert note.value == "left heel sore no stairs next time shorter"
@@ -283,6 +283,17 @@ async def test_a_terminal_that_is_closed_after_a_session_keeps_the_note(console:
         open_console.type("note", "tired")
         await open_console.app._leave_now()
         assert [record.note for record in open_console.app.sessions.of("demo")] == ["tired"]
+
+
+async def test_the_yes_of_a_question_that_did_not_come_is_no_note(console: Opener) -> None:
+    """Without powered joints the end asks nothing; hands know `e`, `y`."""
+    async with console() as open_console:
+        await open_console.press("e")
+        await open_console.shows("After the session with demo")
+        await open_console.press("y", "ctrl+s")
+        await open_console.until(lambda: isinstance(open_console.app.screen, PatientsScreen))
+        (record,) = open_console.app.sessions.of("demo")
+        assert (record.note, record.discomfort) == ("", None)
 
 
 async def test_a_note_is_saved_by_its_button_too(console: Opener) -> None:

@@ -82,6 +82,7 @@ async def test_the_next_letter_goes_where_the_last_one_went(console: Opener) -> 
     async with console() as opened:
         await opened.press("e")
         await opened.shows("After the session")
+        opened.app.screen.query_one("#note", Input).focus()
         await opened.press(*"tied", "left", "left", "f3")
         await opened.shows(tr("after.note"))
         await opened.press("r")

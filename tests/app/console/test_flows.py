@@ -333,14 +333,14 @@ async def test_an_unresponsive_control_is_reported(console: Opener) -> None:
     async with console() as open_console:
         open_console.host.silent = True
         await open_console.shows("CONTROL TIMEOUT")
-        await open_console.shows("the guardian damps the legs")
+        await open_console.shows("the guardian may damp the legs")
         await open_console.shows("Last state received")
         await open_console.shows("No data from control")
         assert "power on and stand" not in open_console.text()
         open_console.host.unanswered = ("left_knee",)
         await open_console.shows("Drives do not answer: support the patient, press the emergency stop")
         open_console.host.unanswered = ()
-        await open_console.shows("the guardian damps the legs")
+        await open_console.shows("the guardian may damp the legs")
         open_console.host.guardian_gone = True
         await open_console.shows("press the emergency stop")
 

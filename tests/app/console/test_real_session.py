@@ -190,12 +190,12 @@ def watch(console: RealConsole, *, limit_s: float) -> None:
 
 
 async def end_with_note(console: RealConsole, note: str) -> None:
-    """End the session, and say something about it."""
+    """End the session, and say something about it, without ratings."""
     await console.press("e")
     await console.shows("End the session?")
     await console.press("y")
     await console.until(lambda: isinstance(console.app.screen, AfterScreen) and console.app.focused)
-    await console.press(*(key if key != " " else "space" for key in note), "ctrl+s")
+    await console.press("tab", "tab", "tab", *(key if key != " " else "space" for key in note), "ctrl+s")
     await console.until(lambda: isinstance(console.app.screen, PatientsScreen) and console.app.live is None)
 
 

@@ -81,7 +81,7 @@ async def test_screen(snapshot: SnapshotAssertion, tmp_path: Path, name: str) ->
                 await wait_until(pilot, lambda: isinstance(app.screen, SessionScreen) and app.screen.wearer)
             await pilot.press(*keys)
             if name == "after":
-                await wait_until(pilot, lambda: isinstance(app.screen, AfterScreen) and note_has_focus(app))
+                await wait_until(pilot, lambda: isinstance(app.screen, AfterScreen) and rating_has_focus(app))
             await settled(app, pilot)  # what has the focus is scrolled into sight by then
             app.screen.set_focus(None)
             for part in app.screen.query(VerticalScroll):
@@ -94,9 +94,9 @@ async def test_screen(snapshot: SnapshotAssertion, tmp_path: Path, name: str) ->
             app.close_live()
 
 
-def note_has_focus(app: ConsoleApp) -> bool:
+def rating_has_focus(app: ConsoleApp) -> bool:
     """Whether the screen has done all that it does when it opens; before, it would take the focus back."""
-    return app.screen.focused is not None and app.screen.focused.id == "note"
+    return app.screen.focused is not None and app.screen.focused.id == "discomfort"
 
 
 async def in_all_sizes_and_themes(app: ConsoleApp, pilot: Pilot[None]) -> dict[tuple[int, int], str]:
