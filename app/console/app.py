@@ -49,7 +49,7 @@ from logs.reason import reason
 from logs.records import ProcessEnd, SignOut
 from profiles.schema import Profile
 
-TICK_S = 0.05  # the console's beat; control calls it silent after 0.2 s
+TICK_S = 0.05  # the console's beat; control calls it silent after 0.23 s
 REST_TICK_S = 0.2  # without a session: a list of patients that nobody touches costs next to nothing
 
 
@@ -81,7 +81,7 @@ class ConsoleApp(SessionFlow):
         super().__init__(home, config, make_host, clock, read_only=read_only)
         for theme in THEMES:
             self.register_theme(theme)
-        self.theme = config.theme if config.theme in THEME_NAMES else THEME_NAMES[0]
+        self.theme = config.theme
         self.switch.keys = frozenset(keys.keys_of("stop", config.keys))
         self.sounds = switched_on(config.sounds)
         self._profile = profile

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
 CameraKind = Literal["digital-hand", "webcam", "realsense", "recording"]
 ArmFrom = Literal["below", "left", "above", "right", "anywhere"]
 JointsKind = Literal["simulated", "can"]
+ThemeName = Literal["dark", "light", "high-contrast", "projector"]
 Purpose = Literal["session", "training", "enrolment"]  # the first alone may be armed
 RATES_HZ = (0.1, 120.0)  # of a camera, least and most
 HOST_FORM = r"^([A-Za-z0-9]([A-Za-z0-9.-]*[A-Za-z0-9])?(:[0-9]{1,5})?)?$"  # name or IPv4 address, and port
@@ -120,7 +121,7 @@ class Config(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     model: str = ""  # path of a hand_landmarker.task; empty: the one set up into models/
     patient: str = "demo"
     language: str = "en"
-    theme: str = "dark"
+    theme: ThemeName = "dark"
     picture: Literal["auto", "blocks"] = "auto"  # auto: pixels where the terminal says that it shows them
     sounds: SoundsConfig = SoundsConfig()
     control_core: Annotated[int, Meta(ge=0, le=4095)] | None = None  # none: one set apart, else the last of several

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
+from typing import get_args
 
 import msgspec
 import pytest
@@ -21,7 +22,7 @@ from app.console.app import ConsoleApp
 from app.console.screens.after import AfterScreen
 from app.console.screens.session import SessionScreen
 from app.console.themes import THEME_NAMES
-from app.system.config import Config, SessionSetup
+from app.system.config import Config, SessionSetup, ThemeName
 from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT
 from testing.fake_host import FakeHost, flat, strips
@@ -49,6 +50,10 @@ SCREENS: dict[str, tuple[bool, tuple[str, ...]]] = {
     "locked": (True, ("ctrl+l",)),
     "after": (True, ("e",)),
 }
+
+
+def test_every_theme_can_be_configured_and_no_other() -> None:
+    assert get_args(ThemeName) == THEME_NAMES
 
 
 class TextExtension(SingleFileSnapshotExtension):

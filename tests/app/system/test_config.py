@@ -18,6 +18,7 @@ def test_no_file_means_defaults(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "named"),
     [
+        ("theme = 'pink'\n", "theme"),
         ("[camera]\nkind = 'periscope'\n", "camera.kind"),
         ("[camera]\nwidth_px = 3\n", "camera.width_px"),
         ("[camera]\nfocal_px = -1.0\n", "camera.focal_px"),
