@@ -15,6 +15,7 @@ from app.console.widgets.panel import Line, content_of, plain
 from app.system.vocabulary import VALID_FOR, VocabularyStatus
 from app.text.catalogue import knows, tr
 from kgdfa.gesture import Gesture
+from profiles.fields import file_key
 from profiles.palm import calibrated_camera, calibration_for, reference_segment
 from profiles.schema import Profile
 from profiles.store import Change
@@ -101,6 +102,8 @@ def changed_values(changes: Mapping[str, tuple[Any, Any]]) -> dict[str, tuple[st
     """By field what it was and what it is, in the language in use; None: that it changed is all that is shown."""
     found: dict[str, tuple[str, str] | None] = {}
     for field, (old, new) in changes.items():
+        if field == "schema":  # the file's own: nothing of the patient
+            continue
         group = field.partition(".")[0]
         if group in _ONLY_NAMED:
             found[group] = None
@@ -119,15 +122,14 @@ def _value_text(field: str, value: object) -> str:
     return " ".join(named.get(part, part) for part in str(value).split(" "))
 
 
-_FILE_UNITS = {"_cm": ("_m", "cm"), "_deg": ("_rad", "°")}  # of a name in the file: the form's, and what is shown
+_BY_FILE_NAME = {file_key(field.path)[0]: field for field in FIELDS}
 
 
 def field_name(path: str) -> str:
-    """A field of a profile's file in the form's words, with its unit; one that the form lacks as it is."""
-    key, unit = f"field.{path}", ""
-    for suffix, (inside, shown) in _FILE_UNITS.items():
-        if path.endswith(suffix):
-            key, unit = f"field.{path.removesuffix(suffix)}{inside}", f" ({shown})"
+    """A field of a profile's file in the form's words, with the form's unit; one that the form lacks as it is."""
+    field = _BY_FILE_NAME.get(path)
+    key = f"field.{field.path if field else path}"
+    unit = f" ({field.unit})" if field and field.unit else ""
     return tr(key) + unit if knows(key) else path
 
 

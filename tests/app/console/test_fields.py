@@ -106,8 +106,13 @@ def _typable(path: str) -> bool:
         ("stature_cm", "en", "Stature (cm)"),
         ("gait.step_length_cm", "zh", "步长 (cm)"),
         ("hip_max_deg", "en", "Maximum hip flexion (°)"),
+        ("mass_kg", "en", "Mass (kg)"),
+        ("gait.step_time_s", "zh", "每步时间 (s)"),
+        ("dose.distance_m", "en", "Distance (m)"),
+        ("dose.duration_s", "en", "Time (s)"),
         ("dose.steps", "en", "Steps"),
-        ("schema", "en", "schema"),
+        ("archived", "en", "Archived"),
+        ("unknown", "en", "unknown"),
     ],
 )
 def test_what_changed_is_named_as_in_the_form(path: str, language: str, shown: str) -> None:

@@ -142,6 +142,15 @@ def test_a_change_is_told_in_the_words_of_the_form(
     assert "→ left side  weak" in history
 
 
+def test_a_new_patients_history_has_the_forms_units_and_nothing_of_the_file() -> None:
+    created = Change(at="2026-05-20T10:00:00+00:00", by="Bea", changes=differences(None, DEMO_PATIENT))
+    history = ["".join(text for text, _ in line) for line in history_lines((created,))]
+    for told in ("Mass (kg): – → 65", "Step time (s): – → 2", "Distance (m): – → ", "Time (s): – → ", "Steps: – → "):
+        assert [line for line in history if line.startswith(f"  {told}")], told
+    assert "schema" in created.changes
+    assert [line for line in history if "schema" in line] == []
+
+
 def test_a_calibration_and_an_enrolment_are_named_without_their_figures() -> None:
     calibration = Calibration(
         camera="webcam", focal_anchor_px_m=36.0, focal_px=600.0, distance_m=0.36, residual=0.01, calibrated_at="now"
