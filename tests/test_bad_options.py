@@ -117,7 +117,8 @@ def arguments_of(path: tuple[str, ...], name: str, value: str) -> list[str]:
         if parameter.name == name:
             arguments += [parameter.opts[0], value] if parameter.param_type_name == "option" else [value]
         elif parameter.required:
-            some = "csv" if parameter.name == "to" else "1" if parameter.bare_type() in {"int", "float"} else "x"
+            some = "1" if parameter.bare_type() in {"int", "float"} else "x"
+            some = {"to": "csv", "sex": "female"}.get(parameter.name, some)
             arguments += [parameter.opts[0], some] if parameter.param_type_name == "option" else [some]
     return arguments
 

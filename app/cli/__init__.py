@@ -21,6 +21,8 @@ EXTRAS = {
     **dict.fromkeys(("matplotlib", "onnx", "onnxruntime", "sklearn", "tflite", "threadpoolctl"), "evaluate"),
     **dict.fromkeys(("duckdb", "ezc3d", "jinja2", "pyarrow"), "analysis"),
 }
+# The one sentence that no catalogue can hold: English, the fallback of all, is not compiled.
+NOT_COMPILED = "The texts of this program are not compiled. Run `make`, or `python -m app.text.compile`, in its folder."
 
 
 def main() -> None:
@@ -63,10 +65,16 @@ def _escape_unencodable() -> None:
 
 def _refuse(error: Exception) -> NoReturn:
     """One line on stderr, with nothing in it that a terminal obeys."""
-    from app.text.catalogue import render
+    from app.text.catalogue import TextFault, render
     from logs.reason import sanitize_terminal
 
-    sys.stderr.write(f"rleex: {sanitize_terminal(' '.join(render(error).split()))}\n")
+    try:
+        text = render(error)
+    except AppError as fault:
+        if fault.code is not TextFault.NOT_COMPILED:
+            raise
+        text = NOT_COMPILED
+    sys.stderr.write(f"rleex: {sanitize_terminal(' '.join(text.split()))}\n")
     raise SystemExit(2) from None
 
 

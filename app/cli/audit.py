@@ -127,11 +127,14 @@ def merge(
     first: Annotated[Path, typer.Argument(help="The trail whose clock counts.")],
     second: Annotated[Path, typer.Argument(help="The trail of the other computer.")],
     json: Annotated[bool, typer.Option("--json", help="One JSON object a record.")] = False,
+    home: HomeOption = None,
 ) -> None:
     """Print the trails of two computers as one timeline, with the clocks' uncertainty."""
     from logs.merge import merge as place
     from logs.merge import merged_line, merged_values
 
+    logs = find_home(home).logs
+    first, second = _place_of(first, logs), _place_of(second, logs)
     merged = place(first, second)
     began_ns = merged[0].placed.at_ns
     console = Console(soft_wrap=True, highlight=False, markup=False, emoji=False)
@@ -262,7 +265,9 @@ def report(
 @cli.command()
 def query(
     sql: Annotated[str, typer.Argument(help="SQL over the table `records`; see --ask for ready questions.")] = "",
-    ask: Annotated[str, typer.Option(help="A ready question: unintended, refusals, response, faults.")] = "",
+    ask: Annotated[
+        str, typer.Option(help="A ready question: unintended, refusals, response, faults. Of sites: see `rleex query`.")
+    ] = "",
     at: Annotated[list[Path] | None, typer.Option(help="Folders, trails or Parquet; none: the home's.")] = None,
     json: Annotated[bool, typer.Option("--json", help="One JSON object a row.")] = False,
     home: HomeOption = None,
@@ -270,7 +275,10 @@ def query(
     """Query many sessions, of one site or several, at once."""
     from logs.query import QUESTIONS, connect_locked, lines_of, omitted_lines
     from logs.query import ask as ask_sql
+    from logs.sites import SITE_QUESTIONS
 
+    if ask in SITE_QUESTIONS.keys() - QUESTIONS.keys():
+        raise AppError(CliFault.QUESTION_OF_SITES, question=ask)
     wanted = sql_of(sql, ask, QUESTIONS)
     places = at or [find_home(home).logs]
     lines = lines_of(places)

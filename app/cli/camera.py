@@ -132,7 +132,10 @@ def calibrate(
     square_mm: Annotated[float, typer.Option(callback=check_finite, min=1, max=500, help="Side of a square.")] = 25.0,
     home: HomeOption = None,
 ) -> None:
-    """Measure a camera's intrinsics on a chessboard, and keep them for this camera."""
+    """Measure a camera's intrinsics on a chessboard, and keep them for this camera.
+
+    A therapist or engineer signs in first.
+    """
     by = sign_in(home, Permission.CALIBRATE)
     place = find_home(home)
     board = Board(columns=columns, rows=rows, square_m=square_mm / 1000)

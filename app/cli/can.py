@@ -17,6 +17,7 @@ from rich.table import Table
 from rich.text import Text
 
 from app.cli.common import HomeOption, check_bus_log, check_finite
+from app.cli.drive_options import Channel, Device, Interface, Motors, described_drives
 from app.cli.drive_table import decoded_line, monitor_table, summary_table
 from app.cli.permission import sign_in
 from app.diagnostics.findings import show
@@ -26,26 +27,18 @@ from app.system.operators import Permission
 from app.system.paths import find_home
 from app.text.catalogue import tr
 from hal.errors import DeviceFault, HardwareError
-from hal.joints.can.bus import open_bus, with_bus
+from hal.joints.can.bus import open_bus
 from hal.joints.can.candump import LogDecoder, LogSummary, messages_of, open_log
 from hal.joints.can.recorder import BusRecorder
 from hal.joints.can.scan import BusMonitor, listen
 from hal.joints.can.scan import scan as scan_bus
-from hal.joints.device import DEFAULT_DEVICE, JOINT_NAMES, Exoskeleton, Joint, load_exoskeleton
+from hal.joints.device import JOINT_NAMES, Exoskeleton, Joint
 from logs.disk import FLOOR_BYTES
 from logs.reason import sanitize_terminal
 
 cli = typer.Typer(no_args_is_help=True)
 
-Interface = Annotated[str, typer.Option(help="python-can's interface; default: the device description's.")]
-Channel = Annotated[str, typer.Option(help="e.g. can0, vcan0, or 43113 for local.")]
-Device = Annotated[Path | None, typer.Option(help="Device description; default: the built-in one.")]
-Motors = Annotated[Path | None, typer.Option(help="A TOML that extends the motor table.")]
 Seconds = Annotated[float, typer.Option(callback=check_finite, help="End after this long; 0: by Ctrl-C.", min=0)]
-
-
-def _device(device: Path | None, interface: str, channel: str) -> Exoskeleton:
-    return with_bus(load_exoskeleton(device or DEFAULT_DEVICE), interface, channel)
 
 
 def _joint(name: str) -> Joint:
@@ -74,12 +67,16 @@ def scan(
     force: Annotated[bool, typer.Option(help="Ask although others send: disables enabled drives.")] = False,
     home: HomeOption = None,
 ) -> None:
-    """List the drives that reply, with their protocol. It disables enabled drives, so it refuses a bus in use."""
+    """List the drives that reply, with their protocol. It disables enabled drives, so it refuses a bus in use.
+
+    An engineer signs in first.
+    """
     sign_in(home, Permission.CONFIGURE)
     console = Console()
     columns = ("bus", "id", "protocol", "answers", "detail")
     table = Table(*(tr(f"drives.{column}") for column in columns), box=None)
-    for bus in _device(device, interface, channel).buses:
+    described, _ = described_drives(home, device, interface, channel)
+    for bus in described.buses:
         with open_bus(bus) as opened, console.status(tr("can.listening", bus=bus.channel)) as status:
             traffic = listen(opened)
             if not force:
@@ -103,17 +100,22 @@ def monitor(
     device: Device = None,
     motors: Motors = None,
     seconds: Seconds = 0.0,
-    ask: Annotated[bool, typer.Option("--ask", help="Ask the drives where they are: disables enabled drives.")] = False,
+    ask: Annotated[
+        bool,
+        typer.Option(
+            "--ask", help="Ask the drives where they are: disables enabled drives. An engineer signs in first."
+        ),
+    ] = False,
     home: HomeOption = None,
 ) -> None:
     """Show a live table of the drives' reports and commands; sends nothing without --ask."""
     console = Console()
-    described = _device(device, interface, channel)
+    described, table = described_drives(home, device, interface, channel, motors)
     with ExitStack() as stack:
         if ask:
             sign_in(home, Permission.CONFIGURE)
             stack.enter_context(_alone(home, described))
-        watched = stack.enter_context(closing(BusMonitor(described, motors, ask=ask)))
+        watched = stack.enter_context(closing(BusMonitor(described, table, ask=ask)))
         end_s = time.monotonic() + seconds if seconds else float("inf")
         try:
             with Live(console=console, auto_refresh=False) as live:
@@ -133,14 +135,18 @@ def doctor(
     listen: Annotated[bool, typer.Option("--listen", help="Only listen, ask nothing.")] = False,
     home: HomeOption = None,
 ) -> None:
-    """Check the bus and its drives, with a remedy for each finding; exit status 0 if there is no fault."""
+    """Check the bus and its drives, with a remedy for each finding; exit status 0 if there is no fault.
+
+    An engineer signs in first, unless it only listens.
+    """
     from app.diagnostics.can_doctor import examine
 
     if not listen:
         sign_in(home, Permission.CONFIGURE)
     console = Console()
+    described, table = described_drives(home, device, interface, channel, motors)
     with console.status(tr("can.examining")):
-        well = show(console, examine(_device(device, interface, channel), motors, ask=not listen))
+        well = show(console, examine(described, table, ask=not listen))
     raise typer.Exit(0 if well else 1)
 
 
@@ -152,9 +158,10 @@ def decode(
     motors: Motors = None,
     joint: Annotated[str, typer.Option(help="Only this joint, e.g. left_knee.")] = "",
     summary: Annotated[bool, typer.Option("--summary", help="Only the summary.")] = False,
+    home: HomeOption = None,
 ) -> None:
     """Decode a recorded bus into joint values, frame by frame, with a summary of gaps and faults."""
-    decoder = LogDecoder(_device(device, "", channel), motors)
+    decoder = LogDecoder(*described_drives(home, device, "", channel, motors))
     wanted = _joint(joint) if joint else None
     totals = LogSummary()
     with open_log(file) as log:
@@ -173,10 +180,12 @@ def record(
     channel: Channel = "",
     device: Device = None,
     seconds: Seconds = 0.0,
+    home: HomeOption = None,
 ) -> None:
     """Record everything on the bus as candump would. A session on CAN does this by itself, beside its audit log."""
     console = Console()
-    recorder = BusRecorder(_device(device, interface, channel), file, floor_bytes=FLOOR_BYTES)
+    described, _ = described_drives(home, device, interface, channel)
+    recorder = BusRecorder(described, file, floor_bytes=FLOOR_BYTES)
     end_s = time.monotonic() + seconds if seconds else float("inf")
     try:
         with console.status(Text(sanitize_terminal(tr("can.recording", path=file)))):
@@ -198,14 +207,17 @@ def zero(
     motors: Motors = None,
     home: HomeOption = None,
 ) -> None:
-    """Set a joint's zero at its present pose. You confirm twice; the joint must be still and disabled."""
+    """Set a joint's zero at its present pose. You confirm twice; the joint must be still and disabled.
+
+    An engineer signs in first.
+    """
     from hal.joints.can.driver import SocketCanJoints
     from hal.joints.can.zero import request_zero, set_zero
 
     by = sign_in(home, Permission.CONFIGURE)
     wanted = _joint(joint)
-    described = _device(device, interface, channel)
-    joints = SocketCanJoints(described, motors=motors)
+    described, table = described_drives(home, device, interface, channel, motors)
+    joints = SocketCanJoints(described, motors=table)
     with _alone(home, described):
         joints.open(time.monotonic_ns())
         try:

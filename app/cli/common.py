@@ -40,7 +40,15 @@ def home_of(text: str) -> Path:
     return Path(text)
 
 
-HomeOption = Annotated[Path | None, typer.Option("--home", parser=home_of, metavar="<path>", help="Data directory.")]
+HomeOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--home",
+        parser=home_of,
+        metavar="<path>",
+        help="Data directory; default: RLEEX_HOME, else what `rleex locate` prints.",
+    ),
+]
 
 
 class CliFault(Enum):
@@ -49,7 +57,9 @@ class CliFault(Enum):
     NO_SUCH_ROLE = auto()  # role
     NO_OPERATORS = auto()
     NO_SUCH_PERMISSION = auto()  # permission, known
+    TOKEN_FOR_WHAT = auto()  # role, known
     NO_QUESTION = auto()  # ready
+    QUESTION_OF_SITES = auto()  # question
     NOT_KEPT = auto()  # doubt
     OUTPUT_UNWRITABLE = auto()  # path, detail
     OUTPUT_IS_EVIDENCE = auto()  # path

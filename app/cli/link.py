@@ -28,7 +28,10 @@ def pair(
     port: Annotated[int, typer.Option(min=1, max=65535, help="Of rleex joints, where HOST names none.")] = PORT,
     home: HomeOption = None,
 ) -> None:
-    """Pair laptop and exoskeleton's computer: the latter shows a code, which is typed at the laptop."""
+    """Pair laptop and exoskeleton's computer: the latter shows a code, which is typed at the laptop.
+
+    On both an engineer signs in first.
+    """
     if ":" in host:
         refuse_options(f"link pair {host}", {"--port": port != PORT})
     if not host:
@@ -96,7 +99,7 @@ def forget(
     name: Annotated[str, typer.Argument(help="Its name, address or fingerprint, as listed by `rleex link list`.")],
     home: HomeOption = None,
 ) -> None:
-    """Forget a paired computer: it is not admitted any more."""
+    """Forget a paired computer: it is not admitted any more. An engineer signs in first."""
     from app.link.keys import forget_peer
 
     place = find_home(home)

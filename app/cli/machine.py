@@ -31,7 +31,9 @@ def doctor(home: HomeOption = None) -> None:
 @cli.command()
 def model(
     home: HomeOption = None,
-    again: Annotated[bool, typer.Option("--again", help="Build it again, even if it is there.")] = False,
+    again: Annotated[
+        bool, typer.Option("--again", help="Build it again, even if it is there. An engineer signs in first.")
+    ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", help="Print nothing when all is well.")] = False,
 ) -> None:
     """Find the hand model, or download and build it (36 MB, once)."""

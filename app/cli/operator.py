@@ -13,7 +13,7 @@ from rich.text import Text
 
 from app.cli.common import CliFault, HomeOption, check_finite, check_output, print_text
 from app.cli.permission import ask, sign_in
-from app.system.enrolment import enrol, enrol_first, give_pin, issue_token
+from app.system.enrolment import NEVER_BY_TOKEN, enrol, enrol_first, give_pin, issue_token
 from app.system.errors import AppError
 from app.system.operators import PERMISSIONS, OperatorFault, Permission, Role, is_locked, load_store
 from app.system.paths import Home, find_home
@@ -63,7 +63,10 @@ def pin(name: NameArgument, home: HomeOption = None) -> None:
 def token(
     file: Annotated[Path, typer.Argument(help="Where to; set RLEEX_TOKEN to it.", callback=check_output)],
     may: Annotated[
-        list[str] | None, typer.Option(help="What it may do, as `operator list` names it; may be repeated.")
+        list[str] | None,
+        typer.Option(
+            help="What it may do, as `operator list` names it; may be repeated; a therapist's default: edit patients."
+        ),
     ] = None,
     hours: Annotated[float, typer.Option(callback=check_finite, min=0.01, max=720, help="Until it expires.")] = 8.0,
     home: HomeOption = None,
@@ -71,6 +74,9 @@ def token(
     """Write a token with which a script may act in your name until it expires, or your PIN changes."""
     wanted = frozenset(_permission(one) for one in may or [Permission.EDIT_PATIENTS.value])
     by = ask(find_operators(home))
+    if not may and not wanted <= by.permissions:
+        known = ", ".join(one.value for one in Permission if one in by.permissions - NEVER_BY_TOKEN)
+        raise AppError(CliFault.TOKEN_FOR_WHAT, role=by.role, known=known)
     data = issue_token(by, wanted, hours)
     try:
         with os.fdopen(os.open(file, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600), "wb") as written:

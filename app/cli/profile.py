@@ -83,17 +83,17 @@ def show(patient: Patient, home: HomeOption = None) -> None:
 @cli.command()
 def new(
     patient: Patient,
-    sex: Annotated[str, typer.Option(help="female or male: chooses the anthropometric table.")],
+    sex: Annotated[Sex, typer.Option(help="female or male: chooses the anthropometric table.")],
     stature: Annotated[float, typer.Option(callback=check_finite, help="Stature, cm.")],
     mass: Annotated[float, typer.Option(callback=check_finite, help="Body mass, kg.")],
     more: Annotated[list[str] | None, typer.Argument(help="More fields: gait.step_length_cm=35 hand=left …")] = None,
     home: HomeOption = None,
 ) -> None:
-    """Create a patient; other fields have defaults that `set` changes."""
+    """Create a patient; other fields have defaults that `set` changes. A therapist signs in first."""
     by = sign_in(home, Permission.EDIT_PATIENTS)
 
     blank = Profile(identifier=patient, sex=Sex.FEMALE, stature_m=1.7, mass_kg=70.0)
-    typed = {"sex": sex, "stature_cm": str(stature), "mass_kg": str(mass), **parse_assignments(more or [])}
+    typed = {"sex": sex.value, "stature_cm": str(stature), "mass_kg": str(mass), **parse_assignments(more or [])}
     profile = edit(blank, typed)
     _store(home).create(profile, by=by, at=datetime.now(UTC))
     print_text("cli.profile.created", patient=patient, palm=reference_segment(profile).explain())
@@ -106,7 +106,10 @@ def set_fields(
     why: Annotated[str, typer.Option(help="Kept in the history.")] = "",
     home: HomeOption = None,
 ) -> None:
-    """Change fields, in the names and units that `show` shows; `none` takes an optional value away."""
+    """Change fields, in the names and units that `show` shows; `none` takes an optional value away.
+
+    A therapist signs in first.
+    """
     by = sign_in(home, Permission.EDIT_PATIENTS)
 
     store = _store(home)
@@ -128,7 +131,10 @@ def calibrate(
     anyway: Annotated[bool, typer.Option("--anyway", help="Keep it even when it is not plausible.")] = False,
     home: HomeOption = None,
 ) -> None:
-    """Solve focal length × palm for this patient and the configured camera, at a distance measured by ruler."""
+    """Solve focal length × palm for this patient and the configured camera, at a distance measured by ruler.
+
+    A therapist or engineer signs in first.
+    """
     by = sign_in(home, Permission.CALIBRATE)
 
     from app.perception.palm_calibration import WANTED_SAMPLES, sample_palm
@@ -172,7 +178,9 @@ def _watching(home: Path | None) -> Iterator[tuple[Camera, HandDetector]]:
 
 @cli.command()
 def export(
-    patient: Patient, file: Annotated[Path, typer.Argument(callback=check_output)], home: HomeOption = None
+    patient: Patient,
+    file: Annotated[Path, typer.Argument(callback=check_output, help="Where to; a TOML file.")],
+    home: HomeOption = None,
 ) -> None:
     """Copy a patient's profile to a file."""
     _store(home).export(patient, file)
@@ -180,8 +188,10 @@ def export(
 
 
 @cli.command("import")
-def import_file(file: Path, home: HomeOption = None) -> None:
-    """Import an exported profile; one that exists is changed, and its history kept."""
+def import_file(
+    file: Annotated[Path, typer.Argument(help="An exported profile, TOML.")], home: HomeOption = None
+) -> None:
+    """Import an exported profile; one that exists is changed, and its history kept. A therapist signs in first."""
     by = sign_in(home, Permission.EDIT_PATIENTS)
 
     profile = _store(home).import_file(file, by=by, at=datetime.now(UTC))
@@ -194,7 +204,7 @@ def archive(
     back: Annotated[bool, typer.Option("--back", help="Put the patient back on the list.")] = False,
     home: HomeOption = None,
 ) -> None:
-    """Remove a patient from the list; nothing is ever deleted."""
+    """Remove a patient from the list; nothing is ever deleted. A therapist signs in first."""
     by = sign_in(home, Permission.EDIT_PATIENTS)
 
     _store(home).archive(patient, by=by, at=datetime.now(UTC), archived=not back)

@@ -76,7 +76,10 @@ def verify(file: FileArgument = "last", home: HomeOption = None) -> None:
 
 @cli.command("delete-pictures")
 def delete_pictures(file: FileArgument, home: HomeOption = None) -> None:
-    """Delete the camera's pictures of a session, for a patient who withdrew the consent; it is put on record."""
+    """Delete the camera's pictures of a session, for a patient who withdrew the consent; it is put on record.
+
+    A therapist signs in first.
+    """
     from app.recording.read import session_of
 
     by = sign_in(home, Permission.EDIT_PATIENTS)
@@ -89,7 +92,10 @@ def delete_pictures(file: FileArgument, home: HomeOption = None) -> None:
 def expire(
     yes: Annotated[bool, typer.Option("--yes", help="Do not ask; for scripts.")] = False, home: HomeOption = None
 ) -> None:
-    """Ask, then delete recordings and pictures older than recording.keep_days. Exit status: 0 done, 1 not agreed."""
+    """Ask, then delete recordings and pictures older than recording.keep_days. Exit status: 0 done, 1 not agreed.
+
+    A therapist signs in first.
+    """
     from datetime import UTC, datetime
 
     from app.recording.expiry import expired

@@ -27,6 +27,7 @@ from app.cli.common import (
     shown_after,
     wide_console,
 )
+from app.cli.drive_options import Channel, Device, Interface, Motors, described_drives
 from app.cli.permission import sign_in
 from app.ipc.states import Action
 from app.system.config import load_config, load_device
@@ -34,7 +35,7 @@ from app.system.errors import AppError
 from app.system.operators import Permission
 from app.system.paths import Home, find_home
 from app.text.catalogue import tr
-from hal.joints.device import DEFAULT_DEVICE, Exoskeleton, load_exoskeleton
+from hal.joints.device import Exoskeleton
 from profiles.schema import Profile
 from profiles.store import ProfileStore
 
@@ -61,7 +62,10 @@ def simulate(
     ] = None,
     video: Annotated[Path | None, typer.Option(callback=check_output, help="Write a stick-figure film, MP4.")] = None,
     json_file: Json = None,
-    preflight: Annotated[bool, typer.Option(help="Keep the verdicts as this patient's pre-flight.")] = False,
+    preflight: Annotated[
+        bool,
+        typer.Option(help="Keep the verdicts as this patient's pre-flight; a therapist or engineer signs in first."),
+    ] = False,
     home: HomeOption = None,
 ) -> None:
     """Simulate an action through planner, follower and guard; exit status 1 when it does not pass."""
@@ -180,10 +184,10 @@ def named(file: Path, action: str, *, many: bool) -> Path:
 
 @cli.command("emulate-drives")
 def emulate_drives(
-    interface: Annotated[str, typer.Option(help="socketcan, local, or any of python-can's.")] = "",
-    channel: Annotated[str, typer.Option(help="e.g. vcan0, or 43113 for local.")] = "",
-    device: Annotated[Path | None, typer.Option(help="Device description; default: the built-in one.")] = None,
-    motors: Annotated[Path | None, typer.Option(help="A TOML that extends the motor table.")] = None,
+    interface: Interface = "",
+    channel: Channel = "",
+    device: Device = None,
+    motors: Motors = None,
     patient: Annotated[str, typer.Option(help="Hang this patient's simulated body on the drives.")] = "",
     fault: Annotated[
         list[str] | None, typer.Option(help="[joint:]fault[=value][@seconds], e.g. left_knee:silent@10.")
@@ -191,16 +195,15 @@ def emulate_drives(
     seconds: Annotated[float, typer.Option(callback=check_finite, help="End after this long; 0: never.", min=0)] = 0.0,
     home: HomeOption = None,
 ) -> None:
-    """Emulate the four drives of the exoskeleton on a CAN bus."""
-    from hal.joints.can.bus import with_bus
+    """Emulate the four drives of the exoskeleton on a CAN bus. An engineer signs in first."""
     from hal.joints.emulator.emulator import run_emulator
     from hal.joints.emulator.firmware import read_schedule
 
     sign_in(home, Permission.CONFIGURE)
-    described = with_bus(load_exoskeleton(device or DEFAULT_DEVICE), interface, channel)
+    described, table = described_drives(home, device, interface, channel, motors)
     schedule = tuple(read_schedule(text) for text in fault or ())
     body = _body(patient, home) if patient else None
-    _run_shown(described, partial(run_emulator, described, body=body, motors=motors, schedule=schedule), seconds)
+    _run_shown(described, partial(run_emulator, described, body=body, motors=table, schedule=schedule), seconds)
 
 
 def _run_shown(described: Exoskeleton, run: Callable[..., None], seconds: float) -> None:

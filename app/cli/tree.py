@@ -54,7 +54,9 @@ def _version(wanted: bool) -> None:
 
 
 def options(
-    _version: Annotated[bool, typer.Option("--version", callback=_version, is_eager=True, help="Print it.")] = False,
+    _version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
     language: Annotated[
         str, typer.Option(help="en or zh, before or after the command; else the configuration's.")
     ] = "",

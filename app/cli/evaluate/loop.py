@@ -44,7 +44,10 @@ def speed(
     frames: Annotated[int, typer.Option(help="How many frames at most.", min=30)] = 300,
     workers: Annotated[
         int | None,
-        typer.Option(help="Time also 1 and N processes at once, each with a recording of its own [cores].", min=0),
+        typer.Option(
+            help="Time also 1 and N processes at once, each with a recording of its own; default: one a core; 0: none.",
+            min=0,
+        ),
     ] = None,
     onnx: Onnx = None,
     json_file: Json = None,

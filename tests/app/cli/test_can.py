@@ -6,6 +6,7 @@ import gzip
 import random
 import secrets
 import threading
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -15,7 +16,9 @@ import tomlkit
 import typer
 from typer.testing import CliRunner
 
+from app.cli import simulate as simulating
 from app.cli.can import cli
+from app.cli.drive_options import described_drives
 from app.system import legs_lock
 from app.system.errors import AppError
 from app.system.legs_lock import claim_buses
@@ -27,11 +30,12 @@ from hal.joints.can.bus import with_bus
 from hal.joints.can.candump import FrameKind
 from hal.joints.can.driver import SocketCanJoints
 from hal.joints.can.scan import BusMonitor
-from hal.joints.device import Exoskeleton
-from hal.joints.emulator.emulator import DriveEmulator
+from hal.joints.device import DEFAULT_DEVICE, Exoskeleton, JointDevice, load_exoskeleton
+from hal.joints.emulator.emulator import DriveEmulator, run_emulator
+from hal.joints.motors import BUILT_IN_TABLE
 from hal.joints.protocol import Joint
 from testing.emulated_drives import emulating
-from tests.support.can_rig import CanRig, command, small_gear, until, with_motor
+from tests.support.can_rig import CanRig, command, each_joint, small_gear, until, with_motor
 from tests.support.errors import refused
 
 PERMITTED = {"zero": ("zero", "left_knee"), "monitor": ("monitor", "--ask", "--seconds", "0.5")}
@@ -159,3 +163,91 @@ def test_a_zero_that_is_lost_with_the_supply_is_announced_as_that(
         done = CliRunner().invoke(cli, ["zero", "left_knee", "--device", str(description)], input="y\nab12\n")
     assert done.exit_code == 0, done
     assert (tr("can.zero_temporary") in done.output) == lost
+
+
+class TestConfigured:
+    """A home whose `[joints]` names a device with other IDs, of a motor that its own table alone has."""
+
+    IDS = (4, 3, 12, 11)
+
+    @pytest.fixture
+    def device(self, tmp_path: Path) -> Exoskeleton:
+        """As the session has it: on the bus of the configuration, not of the description."""
+
+        def own(number: int, joint: JointDevice) -> JointDevice:
+            return msgspec.structs.replace(joint, motor="Own/1", can_id=self.IDS[number], reply_id=0)
+
+        described = each_joint(load_exoskeleton(), own)
+        table = tomllib.loads(BUILT_IN_TABLE.read_text())["motor"]
+        motor = next(one for one in table if (one["name"], one["version"]) == ("AK80-64", "V2"))
+        (tmp_path / "exo.toml").write_text(tomlkit.dumps(msgspec.to_builtins(described)))
+        (tmp_path / "own.toml").write_text(tomlkit.dumps({"motor": [motor | {"name": "Own", "version": "1"}]}))
+        device = on_local_bus(described)
+        joints = {"device": f"{tmp_path}/exo.toml", "motors": f"{tmp_path}/own.toml", "interface": "local"}
+        (tmp_path / "home").mkdir()
+        config = {"joints": joints | {"channel": device.buses[0].channel}}
+        (tmp_path / "home" / "config.toml").write_text(tomlkit.dumps(config))
+        return device
+
+    @pytest.fixture
+    def drives(self, device: Exoskeleton, tmp_path: Path) -> Iterator[DriveEmulator]:
+        with emulating(DriveEmulator(device, motors=tmp_path / "own.toml")) as running:
+            yield running
+
+    def test_the_scan_finds_its_drives(self, drives: DriveEmulator) -> None:
+        done = CliRunner().invoke(cli, ["scan"])
+        found = [line.split()[1] for line in done.stdout.splitlines()[1:]]
+        assert found == ["3", "4", "11", "12"]
+
+    def test_the_doctor_misses_none_of_its_drives(self, drives: DriveEmulator) -> None:
+        done = CliRunner().invoke(cli, ["doctor"])
+        assert done.exit_code == 0, done.output
+
+    def test_the_zero_is_that_of_its_joint(self, drives: DriveEmulator, monkeypatch: pytest.MonkeyPatch) -> None:
+        """By the built-in description 4 would be the right knee."""
+        monkeypatch.setattr(zero, "STILL_FOR_S", 0.05)
+        monkeypatch.setattr(secrets, "token_hex", lambda _: "ab12")
+        for drive in drives.drives:
+            drive.zero_rad = -0.3
+        done = CliRunner().invoke(cli, ["zero", "left_hip"], input="y\nab12\n")
+        assert done.exit_code == 0, done
+        assert [drive.zero_rad != -0.3 for drive in drives.drives] == [True, False, False, False]
+
+    def test_the_monitor_asks_its_drives(self, drives: DriveEmulator, monkeypatch: pytest.MonkeyPatch) -> None:
+        poll, replied = BusMonitor.poll, set[Joint]()
+
+        def all_reply(monitor: BusMonitor) -> bool:
+            poll(monitor, 0.002)
+            replied.update(joint for joint in Joint if monitor.counts[joint, FrameKind.REPLY])
+            return replied == set(Joint)
+
+        monkeypatch.setattr(BusMonitor, "poll", lambda monitor, _: until(lambda: all_reply(monitor)))
+        done = CliRunner().invoke(cli, PERMITTED["monitor"])
+        assert (done.exit_code, replied) == (0, set(Joint)), done
+
+    def test_a_record_of_its_bus_is_decoded_by_its_joints(self, device: Exoskeleton, tmp_path: Path) -> None:
+        done = CliRunner().invoke(cli, ["record", str(tmp_path / "a.log"), "--seconds", "0.01"])
+        assert done.exit_code == 0, done
+        (tmp_path / "a.log").write_bytes(b"(1731.000001) can0 004#7FFF7FF000007FF7\n")
+        done = CliRunner().invoke(cli, ["decode", str(tmp_path / "a.log"), "--joint", "left_hip"])
+        assert "left hip" in done.stdout
+
+    def test_its_drives_are_emulated(self, device: Exoskeleton, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(f"{run_emulator.__module__}._set_scheduling", lambda: None)  # of a process of its own
+        monkeypatch.setattr(f"{run_emulator.__module__}._gc_freeze", lambda: None)
+        done = CliRunner().invoke(simulating.cli, ["emulate-drives", "--seconds", "0.01"])
+        assert device.buses[0].channel in done.stdout, done
+
+    def test_options_go_before_it(self, device: Exoskeleton, tmp_path: Path) -> None:
+        """Each for itself."""
+        (tmp_path / "a.log").write_bytes(b"(1731.000001) can0 004#7FFF7FF000007FF7\n")
+        (tmp_path / "built-in.toml").write_bytes(DEFAULT_DEVICE.read_bytes())
+        given = ["--device", str(tmp_path / "built-in.toml")]
+        done = CliRunner().invoke(cli, ["decode", str(tmp_path / "a.log"), *given])
+        assert "right knee" in done.stdout
+        described, motors = described_drives(None, None, "virtual", "")
+        assert [(bus.interface, bus.channel) for bus in described.buses] == [("virtual", device.buses[0].channel)]
+        assert motors == tmp_path / "own.toml"
+
+    def test_another_home_is_another_device(self, device: Exoskeleton, tmp_path: Path) -> None:
+        assert described_drives(tmp_path / "none", None, "", "") == (load_exoskeleton(), None)

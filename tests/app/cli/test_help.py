@@ -26,6 +26,20 @@ def helps(part: object) -> Iterator[str]:
         yield from helps(inner)
 
 
+def unexplained(part: object, path: str = "rleex") -> Iterator[str]:
+    """Commands and parameters without a help."""
+    assert isinstance(part, TyperCommand | TyperGroup)
+    if not part.help:
+        yield path
+    yield from (f"{path} {one.name}" for one in part.params if not getattr(one, "help", None))
+    for name, inner in getattr(part, "commands", {}).items():
+        yield from unexplained(inner, f"{path} {name}")
+
+
+def test_every_command_and_parameter_is_explained() -> None:
+    assert list(unexplained(command())) == []
+
+
 def test_brackets_in_a_help_are_shown() -> None:
     """Rich takes [inputs] for a style and leaves it out."""
     english = [text for text in helps(typer.main.get_command(tree())) if "[" in text]

@@ -18,6 +18,7 @@ import pytest
 import typer
 
 from app.cli import permission as permissions
+from app.cli.common import CliFault
 from app.cli.permission import TOKEN_VARIABLE
 from app.cli.tree import tree
 from app.system import operators
@@ -61,7 +62,7 @@ CHANGES: dict[str, tuple[Permission, tuple[str, ...]]] = {
     "operator add": (Permission.MANAGE_OPERATORS, ()),
     "operator disable": (Permission.MANAGE_OPERATORS, ()),
     "operator pin": (Permission.MANAGE_OPERATORS, ()),
-    "operator token": (Permission.EDIT_PATIENTS, ()),  # of those it is given
+    "operator token": (Permission.EDIT_PATIENTS, ("--may", "edit patients")),  # of those it is given
     "profile archive": (Permission.EDIT_PATIENTS, ()),
     "profile calibrate": (Permission.CALIBRATE, ()),
     "profile import": (Permission.EDIT_PATIENTS, ()),
@@ -148,7 +149,7 @@ def call(name: str, *extra: str) -> None:
     for parameter in COMMANDS[name].params:
         if parameter.required:
             some = {"float": "1", "int": "1"}.get(parameter.bare_type(), "x")
-            some = {"changes": "x=1", "to": "csv"}.get(parameter.name, some)
+            some = {"changes": "x=1", "to": "csv", "sex": "female"}.get(parameter.name, some)
             arguments += [parameter.opts[0], some] if parameter.param_type_name == "option" else [some]
     COMMANDS[name].main(arguments, standalone_mode=False)
 
@@ -161,6 +162,17 @@ def test_every_command_is_classified() -> None:
     evaluations = {name for name in COMMANDS if name.startswith("evaluate ")}
     assert set(CHANGES) | READS | evaluations == set(COMMANDS)
     assert not READS & set(CHANGES)
+
+
+@pytest.mark.parametrize("name", sorted(set(CHANGES) - {"operator token"}))  # in your own name
+def test_a_help_tells_whose_pin_is_asked(name: str) -> None:
+    permission, extra = CHANGES[name]
+    command = COMMANDS[name]
+    texts = [command.help, *(one.help for one in command.params if set(extra) & set(one.opts))]
+    found = re.findall(r"(?i)\ban? (\w+(?: or \w+)?) signs in first", " ".join(texts))
+    assert [set(one.split(" or ")) for one in found] == [
+        {role.value for role in Role if permission in PERMISSIONS[role]}
+    ]
 
 
 @pytest.mark.parametrize("name", CHANGES)
@@ -338,6 +350,17 @@ class TestTokens:
                 call(name)
             assert refused.value.code is AuthorityFault.NOT_BY_TOKEN
             assert wording(refused.value)
+
+    @pytest.mark.parametrize(("name", "known"), [("Ada", "operate, calibrate, configure"), ("Rex", "review")])
+    def test_who_has_not_the_usual_right_is_told_which_to_name(
+        self, clinic: Home, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, known: str
+    ) -> None:
+        signs_in(monkeypatch, name)
+        with pytest.raises(AppError) as refused:
+            COMMANDS["operator token"].main([str(tmp_path / "token")], standalone_mode=False)
+        assert refused.value.code is CliFault.TOKEN_FOR_WHAT
+        assert known in wording(refused.value)[0]
+        assert not (tmp_path / "token").exists()
 
     def test_it_expires_and_its_pin_voids_it(self, clinic: Home, token: Path) -> None:
         assert by_token(clinic, token).proof is Proof.TOKEN

@@ -93,3 +93,10 @@ def test_the_list_shows_a_palm_by_its_newest_calibration_and_names_the_camera(
     (without,), (calibrated,) = ([line for line in lines if name in line] for name in ("P-1", "P-2"))
     assert "cm, estimated " in without
     assert "6.0 ± 0.1 cm, calibrated, [b]webcam " in calibrated
+
+
+def test_a_sex_that_no_table_has_is_refused_with_those_there_are(tmp_path: Path) -> None:
+    arguments = ["profile", "new", "P-1", "--sex", "x", "--stature", "170", "--mass", "70"]
+    done = CliRunner().invoke(tree(), [*arguments, "--home", str(tmp_path)])
+    assert done.exit_code == 2
+    assert "'female', 'male'" in done.output

@@ -45,6 +45,12 @@ def test_the_home_is_the_site_when_none_is_named(homes: tuple[Path, Path]) -> No
     assert (status, len(said.splitlines())) == (0, 1)
 
 
+def test_one_site_is_not_asked_to_compare_sites(homes: tuple[Path, Path]) -> None:
+    result = CliRunner().invoke(cli, ["audit", "query", "--home", str(homes[0]), "--ask", "sites"])
+    assert isinstance(result.exception, AppError)
+    assert "`rleex query --ask sites`" in render(result.exception)
+
+
 def test_what_can_not_be_asked_ends_with_one_sentence(homes: tuple[Path, Path], tmp_path: Path) -> None:
     north = f"north={homes[0]}"
     told = {

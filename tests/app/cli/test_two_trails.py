@@ -83,6 +83,16 @@ def test_merge_prints_one_timeline(hosts: tuple[Host, Host]) -> None:
     assert {row["trail"] for row in rows} == set(paths)
 
 
+def test_merge_takes_sessions_by_name(hosts: tuple[Host, Host], tmp_path: Path) -> None:
+    paths = [tmp_path / "logs" / name for name in ("a.jsonl", "b.jsonl")]
+    paths[0].parent.mkdir()
+    for path, host in zip(paths, hosts, strict=True):
+        path.write_bytes(host.path.read_bytes())
+    status, said = audit("merge", "a", "b", "--home", str(tmp_path), "--json")
+    assert status == 0, said
+    assert said == audit("merge", *map(str, paths), "--json")[1]
+
+
 def test_merge_refuses_what_does_not_belong_together(hosts: tuple[Host, Host], tmp_path: Path) -> None:
     strange, _ = two_hosts(tmp_path / "strange", seconds=2)
     status, said = audit("merge", str(hosts[0].path), str(strange.path))
