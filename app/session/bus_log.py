@@ -40,6 +40,7 @@ def run_bus_log(setup: SessionSetup) -> None:
     signal.signal(signal.SIGTERM, lambda number, _: asked.append(number))
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     set_scheduling("bus log")
+    linger_s = 1.0
     sink.emit(ProcessStart(pid=os.getpid()))
     try:
         _record(setup, asked)
@@ -47,8 +48,9 @@ def run_bus_log(setup: SessionSetup) -> None:
     except HardwareError as error:
         cause = reason(BusLogNotice.NOT_RECORDED, cause=reason_of(error))
         sink.emit(Note(text=cause))
+        linger_s = 10.0  # on a busy computer it may end before it is connected, and nobody waits for it
     sink.emit(ProcessEnd(pid=os.getpid(), reason=cause))
-    sink.close()
+    sink.close(linger_s)
 
 
 def _record(setup: SessionSetup, asked: list[int]) -> None:
