@@ -178,7 +178,7 @@ MAX_RESIDUAL_PX = 1.0  # beyond it the board was bent, blurred or moving
 # Between two of the boards at least. Below, a nearer board looks like a longer lens: of 48 simulated series with 0.2 to
 # 0.3 px of noise all from 20 degrees on came within 3.4 % of the focal length, others as low as a sixth of it.
 MIN_TILT_RAD = np.radians(20)
-MOST_SQUEEZED = 0.02  # of square pixels the two come within 0.2 %; paper of a printer is stretched by up to 1 %
+MOST_SQUEEZED = 0.02  # of noise and of a print; PAL's pixels are 12:11, NTSC's 10:11 (ITU-R BT.601)
 _REFINED = (cv2.TERM_CRITERIA_EPS + cv2.TERM_CRITERIA_MAX_ITER, 30, 0.01)
 
 Corners = NDArray[np.float32]

@@ -11,7 +11,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hal.cameras.camera import ImageArray, Intrinsics, IntrinsicsSource
-from hal.cameras.intrinsics import Board, Corners, assumed, calibrate, choose, find_corners, load, pinhole, save
+from hal.cameras.intrinsics import (
+    MOST_SQUEEZED,
+    Board,
+    Corners,
+    assumed,
+    calibrate,
+    choose,
+    find_corners,
+    load,
+    pinhole,
+    save,
+)
 from hal.cameras.intrinsics import given as stated
 from hal.errors import CameraFault
 from tests.support.errors import refused
@@ -93,6 +104,15 @@ def test_boards_that_all_face_the_camera_measure_no_lens() -> None:
     assert len(noisy) == len(views)
     with refused(CameraFault.CHESSBOARDS_ALIKE):
         calibrate(noisy, BOARD, 640, 360)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_makes_no_pixels_seem_squeezed(seed: int) -> None:
+    draw = np.random.default_rng(seed)
+    corners = [find_corners(seen_board(LENS, *view), BOARD) for view in VIEWS]
+    noisy = [one + draw.normal(0, 0.25, one.shape).astype(np.float32) for one in corners if one is not None]
+    found = calibrate(noisy, BOARD, 640, 360).intrinsics
+    assert found.fy_px / found.fx_px == pytest.approx(1.0, abs=MOST_SQUEEZED / 2)
 
 
 @pytest.mark.parametrize("across", [0.75, 0.9, 0.95, 1.05])
