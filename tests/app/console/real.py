@@ -207,13 +207,14 @@ class RealConsole(Console):
             if self.held:
                 await self.pick_up()
             await self.until(lambda: action in self.snapshot.allowed or self.held)
+            begun = partial(self._has_begun, action, self._newest_report)
             await self.press(KEY_OF[action])
             await self.until(lambda: self.report.gesture is gesture)
             await self.press("p")
             await self._for_a_while(lambda: self.report.pressed)
             await self.press("p")
-            await self._for_a_while(lambda: self.snapshot.action is action)
-            if self.snapshot.action is action:
+            await self._for_a_while(begun)
+            if begun():
                 return
             self._note(f"no push: {self.report.cancel_reason or self.report.press_hint or self.snapshot.refusal}")
 
@@ -227,6 +228,10 @@ class RealConsole(Console):
 
     def _has_walked(self, steps: int) -> bool:
         return self.snapshot.steps >= steps or not self._walking
+
+    def _has_begun(self, action: Action, before: int) -> bool:
+        """By its report: an action may be over before a console that stands still for a while looks again."""
+        return any(report.action is action and report.number > before for report in self.snapshot.reports)
 
     @property
     def _walking(self) -> bool:
@@ -242,8 +247,9 @@ class RealConsole(Console):
         if self.held:
             return
         refusals = self.snapshot.refusal_count
+        begun = partial(self._has_begun, action, self._newest_report)
         await self.press("t", KEY_OF[action])
-        await self.until(lambda: self.snapshot.action is action or self.snapshot.refusal_count > refusals or self.held)
+        await self.until(lambda: begun() or self.snapshot.refusal_count > refusals or self.held)
         if self.snapshot.refusal_count > refusals:
             self._note(f"refused: {self.snapshot.refusal}")
 
