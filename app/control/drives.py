@@ -54,6 +54,7 @@ class Drives:
         self._scenes = scenes or {}
         self._probe_next = False  # torque off was confirmed in the tick before
         self.powered = False
+        self.unconfirmed = False  # a drive has not confirmed the last torque off
         self.error: Reason | None = None  # why the last order failed
         self.written: JointCommand | None = None  # what left last
         self.written_ns = 0
@@ -116,7 +117,7 @@ class Drives:
             if order is DriveOrder.ENABLE:
                 self._enable(now_ns)
             elif order is DriveOrder.DISABLE:
-                self._joints.close(now_ns)
+                self._switch_off(now_ns)
                 self.powered = False  # confirmed: nothing is left to damp, nor to guard
                 self._probe_next = True
             else:
@@ -135,7 +136,7 @@ class Drives:
             if self.powered and self.written is not None:
                 self._damp(self.written, beat)
             beat(False)
-            self._joints.close(time.monotonic_ns())
+            self._switch_off(time.monotonic_ns())
         except HardwareError as error:
             return reason_of(error)
         finally:
@@ -146,9 +147,14 @@ class Drives:
     def _enable(self, now_ns: int) -> None:
         """Closed, never opened or faulted drives are probed anew before they are enabled."""
         if self._joints.read(now_ns).state is not DriveState.PROBED:
-            self._joints.close(now_ns)
+            self._switch_off(now_ns)
             self.open(now_ns)
         self._joints.enable(time.monotonic_ns())
+
+    def _switch_off(self, now_ns: int) -> None:
+        self.unconfirmed = True
+        self._joints.close(now_ns)
+        self.unconfirmed = False
 
     def _damp(self, last: JointCommand, beat: Callable[[bool], None]) -> None:
         """Without `step`: ramp from the last command to damping, by the clock."""

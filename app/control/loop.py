@@ -105,8 +105,8 @@ class Control:
             self._publish(self._state, inputs, outputs)
             if self._recorder is not None:
                 self._record_tick(self._recorder, self._state, inputs, outputs)
-            if outputs.drives is DriveOrder.DISABLE:
-                self._send_heartbeat(False)  # damped already; their answers may take longer than the guardian's limit
+            if outputs.drives is not DriveOrder.NONE:  # unpowered, or damped already
+                self._send_heartbeat(False)  # the drives' answers may take longer than the guardian's limit
             self._waited = self._drives.execute(outputs.drives, now_ns)
             if self._waited:
                 timer.next_ns = time.monotonic_ns() + TICK_NS
@@ -118,8 +118,7 @@ class Control:
         unconfirmed = self._drives.close(self._send_heartbeat)
         if unconfirmed:
             self._sink.emit(records.Drives(state="unconfirmed", detail=unconfirmed))
-        at_ns, left = time.monotonic_ns(), unconfirmed is not None  # such a drive may still be stiff
-        self._links.send_heartbeat(Heartbeat(at_ns=at_ns, enabled=False, last=True, unconfirmed=left))
+        self._send_heartbeat(False, last=True, unconfirmed=unconfirmed is not None)
         self._sink.emit(lateness_record(self._histogram))
         if self._recorder is not None and self._state is not None and self._snapshot is not None:
             self._recorder.close(self._state.streams, self._snapshot)
@@ -129,15 +128,22 @@ class Control:
         self._links.close()
         self._sink.close()
 
-    def _send_heartbeat(self, powered: bool) -> None:
-        self._links.send_heartbeat(Heartbeat(at_ns=time.monotonic_ns(), enabled=powered))
+    def _send_heartbeat(self, powered: bool, *, last: bool = False, unconfirmed: bool = False) -> None:
+        self._links.send_heartbeat(
+            Heartbeat(at_ns=time.monotonic_ns(), enabled=powered, last=last, unconfirmed=unconfirmed)
+        )
 
     def _next_tick(self, timer: PeriodicTimer) -> tuple[int, int, int]:
         """As the timer's wait. After an absence in which the guardian may have acted, its report comes first."""
         now_ns, late_ns, missed = timer.wait()
-        if not (late_ns >= streams.ABSENT_NS and self._drives.powered and self._guarded_until(now_ns - late_ns)):
+        drives = self._drives
+        if not (
+            late_ns >= streams.ABSENT_NS
+            and (drives.powered or drives.unconfirmed)
+            and self._guarded_until(now_ns - late_ns)
+        ):
             return now_ns, late_ns, missed
-        self._send_heartbeat(True)
+        self._send_heartbeat(drives.powered, unconfirmed=drives.unconfirmed)
         self._links.await_guardian(now_ns, GUARDIAN_WAIT_S)
         answered_ns, _, more = timer.wait()
         return answered_ns, late_ns + answered_ns - now_ns, missed + 1 + more
@@ -193,7 +199,7 @@ class Control:
             if plan_request.phase in {Phase.WHOLE, Phase.WALK_START}:
                 self._drives.stage_scene(plan_request.action)
         if self._tick % HEARTBEAT_TICKS == 0:
-            self._send_heartbeat(self._drives.powered)
+            self._send_heartbeat(self._drives.powered, unconfirmed=self._drives.unconfirmed)
         if self._tick % SNAPSHOT_TICKS == 0:
             self._snapshot = snapshot(state, inputs, self._status())
             self._links.send_snapshot(self._snapshot)

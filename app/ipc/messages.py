@@ -281,7 +281,7 @@ class Heartbeat(Struct, frozen=True, kw_only=True, tag="heartbeat"):
     at_ns: int
     enabled: bool
     last: bool = False  # control ends in good order
-    unconfirmed: bool = False  # with last: a drive has not confirmed that it is off
+    unconfirmed: bool = False  # a drive has not confirmed that it is off: it may still be stiff
 
 
 class AuditHealth(Struct, frozen=True, kw_only=True, tag="audit-health"):

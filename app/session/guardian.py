@@ -88,8 +88,8 @@ def check_heartbeat(
     It monitors again after control reports, from then on, that the drives are unpowered. It acts on the second check
     in a row that finds the heartbeat stale. A check that was itself late knows nothing of the last moments, in which
     control may have stood still with it: it evaluates the time of the check before.
-    Where control has ended and a drive has not confirmed that it is off, it is switched off once more. It may have been
-    out of reach of control's damping, so it is damped before, unless any set-point would power it.
+    Where control has ended, or is gone, and a drive has not confirmed that it is off, it is switched off once more. It
+    may have been out of reach of control's damping, so it is damped before, unless any set-point would power it.
     ending: the session is being closed, and the wearer is not left in damped joints for long.
     """
     if heartbeat is not None and state.heartbeat is not None and heartbeat.at_ns < state.heartbeat.at_ns:
@@ -102,10 +102,11 @@ def check_heartbeat(
     damping_ns = _DAMPING_NS.get(state.action)
     if damping_ns is not None and since_ns > (min(damping_ns, ENDING_DAMP_NS) if ending else damping_ns):
         return replace(state, action=GuardianAction.SWITCH_OFF, since_ns=now_ns)
-    if state.action is GuardianAction.MONITOR and missed >= MISSED_CHECKS:
-        return replace(state, action=GuardianAction.DAMP, since_ns=now_ns)
-    if state.action is GuardianAction.MONITOR and heartbeat is not None and heartbeat.unconfirmed:
-        return replace(state, action=GuardianAction.DAMP_LEFT_ON, since_ns=now_ns)
+    if state.action is GuardianAction.MONITOR and newest is not None:
+        if missed >= MISSED_CHECKS and newest.enabled:
+            return replace(state, action=GuardianAction.DAMP, since_ns=now_ns)
+        if missed >= MISSED_CHECKS or (heartbeat is not None and heartbeat.last and heartbeat.unconfirmed):
+            return replace(state, action=GuardianAction.DAMP_LEFT_ON, since_ns=now_ns)
     if state.action is GuardianAction.SWITCH_OFF and since_ns > OFF_NS and _unpowered(heartbeat):
         return replace(state, action=GuardianAction.MONITOR)
     return state
@@ -116,9 +117,14 @@ def _unpowered(heartbeat: Heartbeat | None) -> bool:
     return heartbeat is not None and not heartbeat.enabled and not heartbeat.last
 
 
+def _needs_guarding(heartbeat: Heartbeat | None) -> bool:
+    """Whether the guardian must act once control is silent: a drive is powered, or may be."""
+    return heartbeat is not None and (heartbeat.enabled or heartbeat.unconfirmed) and not heartbeat.last
+
+
 def _lost(heartbeat: Heartbeat | None, now_ns: int) -> bool:
     """Whether control has been silent with the drives powered."""
-    if heartbeat is None or not heartbeat.enabled or heartbeat.last:
+    if heartbeat is None or not _needs_guarding(heartbeat):
         return False
     return now_ns - heartbeat.at_ns > streams.HEARTBEAT.stale_ms * NS_PER_MS
 
@@ -173,10 +179,10 @@ class Guardian:
             self._reopen(now_ns)
         self._act()
         self._listen(before, now_ns)
-        if before is GuardianAction.MONITOR and self._state.action is GuardianAction.DAMP:
+        if before is GuardianAction.MONITOR and self._state.missed and self._state.action in _DAMPING_NS:
             self._record_loss(now_ns)
         # at once when it acts, and to a control that comes back: it must not grip what it was not holding any more
-        absent_ns = heartbeat.at_ns - last.at_ns if heartbeat is not None and last is not None and last.enabled else 0
+        absent_ns = heartbeat.at_ns - last.at_ns if heartbeat and last and _needs_guarding(last) else 0
         news = absent_ns >= streams.ABSENT_NS or self._state.action is not before or self._unanswered != unanswered
         if news or now_ns - self._health_ns >= streams.GUARDIAN.period_ns:
             self._health_ns = now_ns
@@ -208,7 +214,7 @@ class Guardian:
         if heartbeat is not None and heartbeat.last:
             return True
         monitoring = action is GuardianAction.MONITOR
-        return self._ended() and (heartbeat is None or not heartbeat.enabled or not monitoring)
+        return self._ended() and (not _needs_guarding(heartbeat) or not monitoring)
 
     def close(self) -> None:
         """Record the end and release everything."""

@@ -183,8 +183,10 @@ def test_drives_that_fall_silent_with_torque_off_can_be_asked_again(on_can: Driv
     assert refusal is not None
     assert refusal.code == key_of(Event.JOINT_TIMEOUT), "gesture 0 would plan from angles that nobody measures"
     on_can.emulator.inject(Fault.HEALED)
+    assert on_can.drives.unconfirmed
     assert on_can.state_after(DriveOrder.DISABLE) is DriveState.PROBED
     assert not any(drive.motor_mode for drive in on_can.emulator.drives)
+    assert not on_can.drives.unconfirmed
 
 
 def test_a_session_ends_with_the_drives_that_did_not_confirm(on_can: DrivesOnCan) -> None:
@@ -192,7 +194,9 @@ def test_a_session_ends_with_the_drives_that_did_not_confirm(on_can: DrivesOnCan
     on_can.tick(DriveOrder.ENABLE)
     on_can.tick()
     on_can.emulator.inject(Fault.SILENT, Joint.LEFT_KNEE)
+    assert not on_can.drives.unconfirmed
     on_can.tick(DriveOrder.DISABLE)
+    assert on_can.drives.unconfirmed
     unconfirmed = on_can.drives.close()
     assert unconfirmed is not None
     assert unconfirmed.code == key_of(DrivesFault.NOT_CONFIRMED_OFF)

@@ -167,3 +167,24 @@ def test_the_last_heartbeat_says_where_a_drive_has_not_confirmed_that_it_is_off(
     newest = links.heartbeats[-1]
     assert (newest.enabled, newest.last, newest.unconfirmed) == (False, True, not confirmed)
     assert not any(one.last for one in links.heartbeats[:-1])
+
+
+def test_until_all_drives_have_confirmed_that_they_are_off_each_heartbeat_says_so_but_none_before_a_wait(
+    setup: SessionSetup, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """While control waits for their answers it sends none, and the guardian would act."""
+    monkeypatch.setattr(loop, "PeriodicTimer", Clock)
+    monkeypatch.setattr(loop, "pin_to_control_core", lambda _: None)
+    monkeypatch.setattr(loop, "disable_gc", lambda: None)
+    monkeypatch.setattr(Clock, "now_ns", time.monotonic_ns())
+    with closing(Control(setup, RealTime())) as control:
+        control._links.close()
+        control._links = links = Links(off_tick=9)
+        control._drives = Drives(SilentDrives(), SETTINGS.limits, SETTINGS.gains)
+        control.run()
+    said = [one.unconfirmed for one in links.heartbeats]
+    first = said.index(True)
+    assert first > 0
+    assert said[first:].count(False) == 2, "before each further torque off, of which the session's end has two"
+    assert said[-1]
+    assert not any(one.enabled for one in links.heartbeats[first:])

@@ -13,7 +13,7 @@ import pytest
 
 from app.ipc.links import new_link_directory
 from app.ipc.messages import GuardianHealth, Heartbeat
-from app.ipc.streams import ABSENT_NS, DAMP_NS
+from app.ipc.streams import ABSENT_NS, DAMP_NS, HEARTBEAT
 from app.session.guardian import (
     ENDING_DAMP_NS,
     NAMING_NS,
@@ -34,7 +34,7 @@ from hal.joints.emulator.emulator import DriveEmulator
 from hal.joints.emulator.firmware import EmulatedDrive
 from hal.joints.protocol import Joint
 from logs.reason import reason
-from logs.records import Note
+from logs.records import HeartbeatLost, Note
 from profiles.schema import DEMO_PATIENT
 from tests.support.can_rig import assert_damping, listening, with_motor
 
@@ -43,21 +43,32 @@ CHECK = 4 * MS
 
 
 def silent_for(
-    silent_ms: int, *, enabled: bool = True, last: bool = False, step_ns: int = CHECK
+    silent_ms: int, *, enabled: bool = True, last: bool = False, unconfirmed: bool = False, step_ns: int = CHECK
 ) -> tuple[GuardianState, int]:
     """Looks at a heartbeat that falls silent; the state and when it began to act (ms after the last beat, or 0)."""
     state, acted_ms = GuardianState(), 0
     for now_ns in range(1_000 * MS, (1_000 + silent_ms) * MS, step_ns):
-        beat = Heartbeat(at_ns=1_000 * MS, enabled=enabled, last=last) if now_ns == 1_000 * MS else None
+        newest = Heartbeat(at_ns=1_000 * MS, enabled=enabled, last=last, unconfirmed=unconfirmed)
+        beat = newest if now_ns == 1_000 * MS else None
         state = check_heartbeat(state, beat, now_ns)
         if state.action is not GuardianAction.MONITOR and not acted_ms:
             acted_ms = now_ns // MS - 1_000
     return state, acted_ms
 
 
-def test_it_damps_between_65_and_80_ms_after_the_last_beat() -> None:
-    state, acted_ms = silent_for(90)
-    assert state.action is GuardianAction.DAMP
+@pytest.mark.parametrize(
+    ("enabled", "unconfirmed", "action"),
+    [
+        (True, False, GuardianAction.DAMP),
+        (True, True, GuardianAction.DAMP),
+        (False, True, GuardianAction.DAMP_LEFT_ON),
+    ],
+)
+def test_it_damps_between_65_and_80_ms_after_the_last_beat_what_carries_power_or_may(
+    enabled: bool, unconfirmed: bool, action: GuardianAction
+) -> None:
+    state, acted_ms = silent_for(90, enabled=enabled, unconfirmed=unconfirmed)
+    assert state.action is action
     assert 65 < acted_ms < 80
 
 
@@ -221,13 +232,16 @@ class Watch:
                 self.beat = Heartbeat(at_ns=self.now_ns, enabled=enabled)
             guardian.check(self.now_ns)
 
-    def end_unconfirmed(self, guardian: Guardian) -> tuple[list[GuardianAction], float]:
-        """Control and session end with a drive that has not confirmed: what is done then, and for how long (ms)."""
+    def end_unconfirmed(self, guardian: Guardian, *, killed: bool = False) -> tuple[list[GuardianAction], float]:
+        """Control and session end with a drive that has not confirmed: what is done then, and for how long (ms).
+
+        killed: control ends without another heartbeat.
+        """
         self.check(guardian, RETRY_NS)
         self.check(guardian, 300 * MS, enabled=False)
         guardian.end()
         ended_ns = self.now_ns
-        self.beat = Heartbeat(at_ns=ended_ns, enabled=False, last=True, unconfirmed=True)
+        self.beat = Heartbeat(at_ns=ended_ns, enabled=False, last=not killed, unconfirmed=True)
         actions = []
         while self.now_ns == ended_ns or not guardian.done(self.now_ns):
             self.check(guardian, self.step_ns, enabled=None)
@@ -364,6 +378,23 @@ def test_drives_that_have_not_confirmed_that_they_are_off_are_damped_before_but_
         assert set(asked[off_from:]) == {Order.DISABLE}
         assert not drive.motor_mode
     assert watch.notes() == []
+
+
+def test_where_control_is_killed_before_all_drives_have_confirmed_the_guardian_switches_them_off_before_it_ends(
+    guardian: Guardian, watch: Watch
+) -> None:
+    watch.drives = DriveEmulator(load_exoskeleton()).drives
+    knee = watch.drives[Joint.LEFT_KNEE]
+    knee.motor_mode, knee._target = True, SetPoint(0.1, 0.0, 40.0, 2.0, 0.0)
+    actions, took_ms = watch.end_unconfirmed(guardian, killed=True)
+    assert list(dict.fromkeys(actions)) == [
+        GuardianAction.MONITOR,
+        GuardianAction.DAMP_LEFT_ON,
+        GuardianAction.SWITCH_OFF,
+    ]
+    assert took_ms == pytest.approx(72 + 300 + OFF_NS / MS, abs=20)
+    assert not knee.motor_mode
+    assert [one.stream for one in watch.records if isinstance(one, HeartbeatLost)] == [HEARTBEAT.name]
 
 
 @pytest.mark.parametrize("step_ms", [4, 6, 7, 10, 20])
