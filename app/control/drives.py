@@ -54,7 +54,7 @@ class Drives:
         self._scenes = scenes or {}
         self._probe_next = False  # torque off was confirmed in the tick before
         self.powered = False
-        self.unconfirmed = False  # a drive has not confirmed the last torque off
+        self.unconfirmed = False  # a drive may be on that has not confirmed the last order
         self.error: Reason | None = None  # why the last order failed
         self.written: JointCommand | None = None  # what left last
         self.written_ns = 0
@@ -126,16 +126,19 @@ class Drives:
             self.error = reason_of(error)
         return True
 
-    def close(self, beat: Callable[[bool], None] = lambda _: None) -> Reason | None:
+    def close(
+        self, beat: Callable[[], None] = lambda: None, awaiting: Callable[[], None] = lambda: None
+    ) -> Reason | None:
         """Leave nothing powered behind, whatever has happened; what could not be confirmed.
 
-        beat: called in every tick, with whether anything is powered: without a heartbeat the guardian would act.
+        beat: called in every tick while the joints are damped; awaiting: before their answers are waited for. Without
+        a heartbeat the guardian would act.
         """
         now_ns = time.monotonic_ns()
         try:
             if self.powered and self.written is not None:
                 self._damp(self.written, beat)
-            beat(False)
+            awaiting()
             self._switch_off(time.monotonic_ns())
         except HardwareError as error:
             return reason_of(error)
@@ -149,21 +152,23 @@ class Drives:
         if self._joints.read(now_ns).state is not DriveState.PROBED:
             self._switch_off(now_ns)
             self.open(now_ns)
+        self.unconfirmed = True
         self._joints.enable(time.monotonic_ns())
+        self.unconfirmed = False
 
     def _switch_off(self, now_ns: int) -> None:
         self.unconfirmed = True
         self._joints.close(now_ns)
         self.unconfirmed = False
 
-    def _damp(self, last: JointCommand, beat: Callable[[bool], None]) -> None:
+    def _damp(self, last: JointCommand, beat: Callable[[], None]) -> None:
         """Without `step`: ramp from the last command to damping, by the clock."""
         motion = follower.ramp_to_damping(Motion(mode=Mode.HOLDING, command=last))
         for _ in range(_DAMPING_TICKS):
             motion = follower.advance(motion, self._gains, hold=True)
             now_ns = time.monotonic_ns()
             self.write(motion.command, self.read(now_ns), now_ns)
-            beat(True)
+            beat()
             time.sleep(1 / TICK_HZ)
 
 

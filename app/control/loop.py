@@ -106,7 +106,7 @@ class Control:
             if self._recorder is not None:
                 self._record_tick(self._recorder, self._state, inputs, outputs)
             if outputs.drives is not DriveOrder.NONE:  # unpowered, or damped already
-                self._send_heartbeat(False)  # the drives' answers may take longer than the guardian's limit
+                self._send_wait()
             self._waited = self._drives.execute(outputs.drives, now_ns)
             if self._waited:
                 timer.next_ns = time.monotonic_ns() + TICK_NS
@@ -115,10 +115,11 @@ class Control:
 
     def close(self) -> None:
         """Switch off and close everything, after any error too."""
-        unconfirmed = self._drives.close(self._send_heartbeat)
+        unconfirmed = self._drives.close(beat=lambda: self._send_heartbeat(True), awaiting=self._send_wait)
         if unconfirmed:
             self._sink.emit(records.Drives(state="unconfirmed", detail=unconfirmed))
-        self._send_heartbeat(False, last=True, unconfirmed=unconfirmed is not None)
+        at_ns, left = time.monotonic_ns(), unconfirmed is not None
+        self._links.send_heartbeat(Heartbeat(at_ns=at_ns, enabled=False, last=True, unconfirmed=left))
         self._sink.emit(lateness_record(self._histogram))
         if self._recorder is not None and self._state is not None and self._snapshot is not None:
             self._recorder.close(self._state.streams, self._snapshot)
@@ -128,10 +129,14 @@ class Control:
         self._links.close()
         self._sink.close()
 
-    def _send_heartbeat(self, powered: bool, *, last: bool = False, unconfirmed: bool = False) -> None:
-        self._links.send_heartbeat(
-            Heartbeat(at_ns=time.monotonic_ns(), enabled=powered, last=last, unconfirmed=unconfirmed)
-        )
+    def _send_heartbeat(self, powered: bool) -> None:
+        at_ns, unconfirmed = time.monotonic_ns(), self._drives.unconfirmed
+        self._links.send_heartbeat(Heartbeat(at_ns=at_ns, enabled=powered, unconfirmed=unconfirmed))
+
+    def _send_wait(self) -> None:
+        """The drives' answers may take longer than the guardian's limit, and until then none has confirmed."""
+        at_ns = time.monotonic_ns()
+        self._links.send_heartbeat(Heartbeat(at_ns=at_ns, enabled=False, unconfirmed=True, awaits_drives=True))
 
     def _next_tick(self, timer: PeriodicTimer) -> tuple[int, int, int]:
         """As the timer's wait. After an absence in which the guardian may have acted, its report comes first."""
@@ -143,7 +148,7 @@ class Control:
             and self._guarded_until(now_ns - late_ns)
         ):
             return now_ns, late_ns, missed
-        self._send_heartbeat(drives.powered, unconfirmed=drives.unconfirmed)
+        self._send_heartbeat(drives.powered)
         self._links.await_guardian(now_ns, GUARDIAN_WAIT_S)
         answered_ns, _, more = timer.wait()
         return answered_ns, late_ns + answered_ns - now_ns, missed + 1 + more
@@ -199,7 +204,7 @@ class Control:
             if plan_request.phase in {Phase.WHOLE, Phase.WALK_START}:
                 self._drives.stage_scene(plan_request.action)
         if self._tick % HEARTBEAT_TICKS == 0:
-            self._send_heartbeat(self._drives.powered, unconfirmed=self._drives.unconfirmed)
+            self._send_heartbeat(self._drives.powered)
         if self._tick % SNAPSHOT_TICKS == 0:
             self._snapshot = snapshot(state, inputs, self._status())
             self._links.send_snapshot(self._snapshot)

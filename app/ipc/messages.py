@@ -282,6 +282,7 @@ class Heartbeat(Struct, frozen=True, kw_only=True, tag="heartbeat"):
     enabled: bool
     last: bool = False  # control ends in good order
     unconfirmed: bool = False  # a drive has not confirmed that it is off: it may still be stiff
+    awaits_drives: bool = False  # the next one comes when the drives have answered an order, or have not
 
 
 class AuditHealth(Struct, frozen=True, kw_only=True, tag="audit-health"):

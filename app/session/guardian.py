@@ -38,7 +38,9 @@ ENDING_DAMP_NS = 500 * NS_PER_MS
 LATE_CHECK_NS = 12 * NS_PER_MS
 MISSED_CHECKS = 2
 OFF_NS = 300 * NS_PER_MS
-NAMING_NS = 1_200 * NS_PER_MS  # at most, of switching off: with the damping before, less than `END_PATIENCE_S`
+NAMING_NS = 1_200 * NS_PER_MS  # at most, of switching off: with wait and damping before, less than `END_PATIENCE_S`
+# Control awaits drives that do not answer for 1.4 s when it orders torque off, for 2.1 s when it powers them.
+WAIT_NS = 3_000 * NS_PER_MS
 # 25 checks read 6,400 frames a bus: more replies to control than a socket keeps waiting. 25 more ask every drive again.
 # Of checks that come late, on a busy machine, as many are needed: what is still waiting is no answer.
 BACKLOG_NS, BACKLOG_CHECKS = 100 * NS_PER_MS, 25
@@ -126,7 +128,7 @@ def _lost(heartbeat: Heartbeat | None, now_ns: int) -> bool:
     """Whether control has been silent with the drives powered."""
     if heartbeat is None or not _needs_guarding(heartbeat):
         return False
-    return now_ns - heartbeat.at_ns > streams.HEARTBEAT.stale_ms * NS_PER_MS
+    return now_ns - heartbeat.at_ns > (WAIT_NS if heartbeat.awaits_drives else streams.HEARTBEAT.stale_ms * NS_PER_MS)
 
 
 def run_guardian(setup: SessionSetup) -> None:

@@ -57,7 +57,7 @@ M = TypeVar("M", bound=msgspec.Struct)
 START_ORDER: tuple[str, ...] = ("audit", "perception", "guardian", "planner", "control")
 LINKED_ORDER: tuple[str, ...] = ("audit", "perception", "link")  # the joints are another computer's
 START_S = 30.0  # the session's process spawns the others, on a busy machine
-END_S = 25.0  # each process's patience, and the trail's on a usual disk; on a slower one audit ends by itself
+END_S = 28.0  # each process's patience, and the trail's on a usual disk; on a slower one audit ends by itself
 # The heartbeat says that STOP can be given. The terminal's input thread, which takes STOP, reports every 0.1 s.
 INPUT_TIMEOUT_S = 0.5
 LONGEST_PLACE = 60  # of a socket's 107 bytes (unix(7)); folder and longest stream (`app/ipc/streams.py`) take 34

@@ -43,7 +43,7 @@ END_PATIENCE_S = {
     "link": 20.0,  # the other computer ends control, and its own trail
     "perception": 2.0,
     "planner": 2.0,
-    "guardian": 2.0,
+    "guardian": 5.0,
     "bus-log": 2.0,
     "recording": 5.0,
 }

@@ -18,6 +18,8 @@ from app.motion import follower
 from app.motion.follower import gains_of
 from app.motion.plan import body_of
 from hal.errors import DrivesFault
+from hal.joints.can import lifecycle
+from hal.joints.can.drive import Drive
 from hal.joints.can.driver import SocketCanJoints
 from hal.joints.device import load_exoskeleton
 from hal.joints.emulator.emulator import DriveEmulator
@@ -85,12 +87,12 @@ def test_drives_left_powered_are_damped_before_they_are_let_go() -> None:
     assert np.allclose(joints.torque_nm, 0.0)
 
 
-def test_while_they_are_damped_the_guardian_is_informed_and_at_last_that_nothing_is_left_to_guard() -> None:
+def test_while_they_are_damped_the_guardian_is_informed_and_at_last_that_their_answers_are_awaited() -> None:
     joints, drives = powered()
-    beats: list[bool] = []
+    informed: list[str] = []
     before = joints.writes
-    assert drives.close(beats.append) is None
-    assert beats == [True] * (joints.writes - before) + [False]
+    assert drives.close(beat=lambda: informed.append("beat"), awaiting=lambda: informed.append("awaiting")) is None
+    assert informed == ["beat"] * (joints.writes - before) + ["awaiting"]
 
 
 @dataclass
@@ -187,6 +189,27 @@ def test_drives_that_fall_silent_with_torque_off_can_be_asked_again(on_can: Driv
     assert on_can.state_after(DriveOrder.DISABLE) is DriveState.PROBED
     assert not any(drive.motor_mode for drive in on_can.emulator.drives)
     assert not on_can.drives.unconfirmed
+
+
+def test_a_drive_that_falls_silent_while_it_is_powered_counts_as_unconfirmed_until_it_is_off(
+    on_can: DrivesOnCan, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    confirm = lifecycle._unanswered_together
+
+    def silenced(joints: SocketCanJoints) -> list[Drive]:
+        on_can.emulator.inject(Fault.SILENT, Joint.LEFT_KNEE)
+        return confirm(joints)
+
+    monkeypatch.setattr(lifecycle, "_unanswered_together", silenced)
+    on_can.drives.open(time.monotonic_ns())
+    on_can.tick(DriveOrder.ENABLE)
+    assert error_code(on_can.drives) == key_of(DrivesFault.NO_REPLY)
+    assert (on_can.drives.powered, on_can.drives.unconfirmed) == (False, True)
+    assert [drive.motor_mode for drive in on_can.emulator.drives] == [joint is Joint.LEFT_KNEE for joint in Joint]
+    on_can.emulator.inject(Fault.HEALED)
+    on_can.tick(DriveOrder.DISABLE)
+    assert not on_can.drives.unconfirmed
+    assert not any(drive.motor_mode for drive in on_can.emulator.drives)
 
 
 def test_a_session_ends_with_the_drives_that_did_not_confirm(on_can: DrivesOnCan) -> None:

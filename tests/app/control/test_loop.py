@@ -169,10 +169,10 @@ def test_the_last_heartbeat_says_where_a_drive_has_not_confirmed_that_it_is_off(
     assert not any(one.last for one in links.heartbeats[:-1])
 
 
-def test_until_all_drives_have_confirmed_that_they_are_off_each_heartbeat_says_so_but_none_before_a_wait(
+def test_until_all_drives_have_confirmed_that_they_are_off_each_heartbeat_says_so(
     setup: SessionSetup, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """While control waits for their answers it sends none, and the guardian would act."""
+    """And before each wait for their answers, one says that the next comes late."""
     monkeypatch.setattr(loop, "PeriodicTimer", Clock)
     monkeypatch.setattr(loop, "pin_to_control_core", lambda _: None)
     monkeypatch.setattr(loop, "disable_gc", lambda: None)
@@ -182,9 +182,8 @@ def test_until_all_drives_have_confirmed_that_they_are_off_each_heartbeat_says_s
         control._links = links = Links(off_tick=9)
         control._drives = Drives(SilentDrives(), SETTINGS.limits, SETTINGS.gains)
         control.run()
-    said = [one.unconfirmed for one in links.heartbeats]
-    first = said.index(True)
-    assert first > 0
-    assert said[first:].count(False) == 2, "before each further torque off, of which the session's end has two"
-    assert said[-1]
-    assert not any(one.enabled for one in links.heartbeats[first:])
+    ordered = next(number for number, one in enumerate(links.heartbeats) if one.awaits_drives)
+    assert not any(one.unconfirmed for one in links.heartbeats[:ordered])
+    assert all(one.unconfirmed and not one.enabled for one in links.heartbeats[ordered:])
+    waits = [one for one in links.heartbeats if one.awaits_drives]
+    assert len(waits) == 3, "torque off, and two at the session's end"

@@ -19,6 +19,7 @@ from app.session.guardian import (
     NAMING_NS,
     OFF_NS,
     RETRY_NS,
+    WAIT_NS,
     Guardian,
     GuardianAction,
     GuardianNotice,
@@ -83,6 +84,16 @@ def test_a_heartbeat_that_continues_is_left_alone() -> None:
 @pytest.mark.parametrize(("enabled", "last"), [(False, False), (True, True), (False, True)])
 def test_without_power_or_after_a_good_end_there_is_nothing_to_do(enabled: bool, last: bool) -> None:
     assert silent_for(500, enabled=enabled, last=last)[0].action is GuardianAction.MONITOR
+
+
+def test_a_control_that_awaits_the_drives_answers_is_given_three_seconds() -> None:
+    state = GuardianState(heartbeat=Heartbeat(at_ns=0, enabled=False, unconfirmed=True, awaits_drives=True))
+    for now_ns in range(0, WAIT_NS, CHECK):
+        state = check_heartbeat(state, None, now_ns)
+    assert state.action is GuardianAction.MONITOR
+    for now_ns in range(WAIT_NS, WAIT_NS + 4 * CHECK, CHECK):
+        state = check_heartbeat(state, None, now_ns)
+    assert state.action is GuardianAction.DAMP_LEFT_ON
 
 
 def test_before_the_first_beat_it_waits() -> None:
@@ -401,7 +412,7 @@ def test_where_control_is_killed_before_all_drives_have_confirmed_the_guardian_s
 def test_who_has_not_answered_is_named_before_the_guardian_ends_however_late_its_checks(
     guardian: Guardian, watch: Watch, step_ms: int
 ) -> None:
-    """`END_PATIENCE_S` leaves it two seconds."""
+    """`END_PATIENCE_S` leaves it two seconds for that."""
     watch.step_ns = step_ms * MS
     _, took_ms = watch.end_unconfirmed(guardian)
     silent = reason(GuardianNotice.NOT_ANSWERED, action=GuardianAction.SWITCH_OFF, joints=tuple(Joint))
