@@ -217,9 +217,9 @@ def test_a_session_ends_with_the_drives_that_did_not_confirm(on_can: DrivesOnCan
     on_can.tick(DriveOrder.ENABLE)
     on_can.tick()
     on_can.emulator.inject(Fault.SILENT, Joint.LEFT_KNEE)
-    assert not on_can.drives.unconfirmed
+    before = on_can.drives.unconfirmed
     on_can.tick(DriveOrder.DISABLE)
-    assert on_can.drives.unconfirmed
+    assert (before, on_can.drives.unconfirmed) == (False, True)
     unconfirmed = on_can.drives.close()
     assert unconfirmed is not None
     assert unconfirmed.code == key_of(DrivesFault.NOT_CONFIRMED_OFF)
