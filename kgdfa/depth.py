@@ -121,18 +121,20 @@ class DepthRange:
             raise KgdfaError(KgdfaFault.DEPTH_MODE, mode=mode)
         self.name = mode
         self.fault: DepthFault | None = None
-        self._outliers = OutlierState()
+        self._before = self._outliers = OutlierState()  # before the newest map, and after it
+        self._map_ns: int | None = None  # of that map
 
-    def measure(self, depth_m: DepthMap, hand: Hand, captured_ns: int, *, repeated: bool = False) -> Distance | None:
-        """The palm's distance; None where the map has none.
+    def measure(self, depth_m: DepthMap, hand: Hand, map_ns: int) -> Distance | None:
+        """The palm's distance; None where the map has none. map_ns: of the map; one that comes again has the same.
 
-        The map shows the skin; the joints, of which all distances speak, lie half a palm under it. repeated: measured
-        before: it confirms no jump.
+        The map shows the skin; the joints, of which all distances speak, lie half a palm under it. A map that comes
+        again is measured anew from what was known before it: it confirms no jump, and is believed no sooner.
         """
         if self.name == "published":
             return read_published(depth_m, hand)
-        outliers, sample = reject_outlier(self._outliers, sample_palm(hand, depth_m), captured_ns)
-        self._outliers = self._outliers if repeated else outliers
+        if map_ns != self._map_ns:
+            self._before, self._map_ns = self._outliers, map_ns
+        self._outliers, sample = reject_outlier(self._before, sample_palm(hand, depth_m), map_ns)
         self.fault = sample.fault
         if sample.depth_m is None:
             return None
@@ -141,7 +143,8 @@ class DepthRange:
 
     def reset(self) -> None:
         """Forget what was accepted last: another hand, or a gap."""
-        self._outliers = OutlierState()
+        self._before = self._outliers = OutlierState()
+        self._map_ns = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -30,6 +30,11 @@ class PipelineInput:
     depth_m: NDArray[np.float32] | None = None
     depth_ns: int | None = None  # of depth_m, which may come with several images; None: captured_ns
 
+    @property
+    def map_ns(self) -> int:
+        """When this very depth map first came."""
+        return self.captured_ns if self.depth_ns is None else self.depth_ns
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Report:
@@ -119,7 +124,7 @@ class Pipeline:
         hand, verdict = self._update_tracks(verdicts, now_ns)
         monocular = self._range_finder.measure(hand, now_ns) if hand else None
         repeated = self._is_repeated(source)
-        depth, fault = self._measure_depth(source, hand, repeated=repeated)
+        depth, fault = self._measure_depth(source, hand)
         self._chosen = choose_distance(self._chosen, self._choice, monocular, depth)
         distance = self._chosen.distance
         reading = FrameReading(
@@ -183,15 +188,12 @@ class Pipeline:
         """The depth map is that of a frame before: a camera whose depth comes slower gives it with several images."""
         if source.depth_m is None:
             return False
-        depth_ns = source.captured_ns if source.depth_ns is None else source.depth_ns
-        repeated, self._depth_ns = depth_ns == self._depth_ns, depth_ns
+        repeated, self._depth_ns = source.map_ns == self._depth_ns, source.map_ns
         return repeated
 
-    def _measure_depth(
-        self, source: PipelineInput, hand: Hand | None, *, repeated: bool
-    ) -> tuple[Distance | None, DepthFault | None]:
+    def _measure_depth(self, source: PipelineInput, hand: Hand | None) -> tuple[Distance | None, DepthFault | None]:
         """The depth camera's distance, or why there is none; nothing without a depth map."""
         if source.depth_m is None or self._depth_finder is None or hand is None:
             return None, None
-        depth = self._depth_finder.measure(source.depth_m, hand, source.captured_ns, repeated=repeated)
+        depth = self._depth_finder.measure(source.depth_m, hand, source.map_ns)
         return depth, self._depth_finder.fault

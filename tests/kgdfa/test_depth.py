@@ -95,15 +95,32 @@ def test_a_single_near_reading_never_gets_through() -> None:
         assert distance is None or distance.shown_m == pytest.approx(0.60 + HALF_PALM_M)
 
 
-def test_a_map_that_comes_again_confirms_no_jump() -> None:
+@pytest.mark.parametrize("slipped_m", [0.22, 0.25, 0.27, 0.29])
+def test_a_map_that_comes_again_confirms_no_jump(slipped_m: float) -> None:
     """As of a camera whose depth comes slower than its colour."""
     reader = DepthRange(mode="robust")
     measure(reader, 0.40, 1)
-    for frame in range(2, 8):
-        assert reader.measure(depth_map(0.22), hand(), frame * FRAME_NS, repeated=frame > 2) is None
+    for _ in range(6):
+        assert measure(reader, slipped_m, 2) is None
     back = measure(reader, 0.40, 8)
     assert back is not None
     assert back.shown_m == pytest.approx(0.40 + HALF_PALM_M)
+
+
+def test_a_jump_is_believed_by_maps_and_not_by_images() -> None:
+    """Each map comes with two images, 15 a second."""
+    reader = DepthRange(mode="robust")
+    measure(reader, 0.60, 1)
+    read = [measure(reader, 0.20, 1 + 2 * number) for number in range(1, CONFIRM_FRAMES + 1) for _ in range(2)]
+    assert [one is not None for one in read] == [False] * 2 * (CONFIRM_FRAMES - 1) + [True] * 2
+
+
+def test_another_hand_is_measured_in_a_map_that_comes_again() -> None:
+    reader = DepthRange(mode="robust")
+    measure(reader, 0.60, 1)
+    assert measure(reader, 0.30, 2) is None
+    reader.reset()
+    assert measure(reader, 0.30, 2) is not None
 
 
 def test_a_hand_pushed_fast_is_followed() -> None:

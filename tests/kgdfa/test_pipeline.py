@@ -6,6 +6,8 @@ from dataclasses import replace
 import numpy as np
 
 from kgdfa.button import ButtonPlace
+from kgdfa.depth import DepthFault, DepthRange
+from kgdfa.distance import DistanceChoice
 from kgdfa.draw import draw
 from kgdfa.gesture import Gesture, HandRefusal
 from kgdfa.hand import Hand, Side
@@ -40,6 +42,32 @@ def run(frames: Sequence[tuple[Hand, ...]], enrolment: Enrolment | None = None) 
     )
     pictures = [PipelineInput(image_bgr=BLACK, captured_ns=(k + 1) * 33_000_000) for k in range(len(frames))]
     return [pipeline.process(picture) for picture in pictures]
+
+
+def test_a_depth_map_refused_as_a_jump_is_refused_with_the_next_image_too() -> None:
+    """By its own moment: to that of the image the hand could have come so far."""
+    came = [(1, 0.40), (2, 0.29), (2, 0.29), (4, 0.40)]  # frame with which the map came first, metres
+    pipeline = Pipeline(
+        detector=ScriptedDetector([(shown(Gesture.TWO),)] * len(came)),
+        rules=PublishedRules(),
+        range_finder=RobustRange(focal_px=650.0, reference_m=0.065),
+        place=PLACE,
+        depth_finder=DepthRange(mode="robust"),
+        choice=DistanceChoice.DEPTH,
+    )
+    reports = [
+        pipeline.process(
+            PipelineInput(
+                image_bgr=BLACK,
+                captured_ns=frame * 33_000_000,
+                depth_m=np.full(BLACK.shape[:2], depth_m, np.float32),
+                depth_ns=first * 33_000_000,
+            )
+        )
+        for frame, (first, depth_m) in enumerate(came, 1)
+    ]
+    assert [report.depth_fault for report in reports] == [None, DepthFault.JUMP, DepthFault.JUMP, None]
+    assert [report.distance is None for report in reports] == [False, True, True, False]
 
 
 def shown(gesture: Gesture) -> Hand:
