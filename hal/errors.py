@@ -71,6 +71,7 @@ class DeviceFault(Enum):
     SEVERAL_MOTOR_VERSIONS = auto()
     UNKNOWN_MOTOR = auto()
     NO_SUCH_BUS = auto()
+    CHANNEL_SHARED = auto()  # device, count, bus
     IDENTIFIER_TAKEN = auto()
     BUS_OVERLOADED = auto()
     BEYOND_WIRE_RANGE = auto()
@@ -120,6 +121,7 @@ class CanFault(Enum):
     UNREADABLE_REPLY = auto()
     TOO_MANY_REPLIES = auto()
     BUS_IN_USE = auto()
+    BUS_NOT_FREE = auto()  # bus, frames
     LOG_UNREADABLE = auto()
     LOG_UNWRITABLE = auto()
     LOG_DISK_LOW = auto()

@@ -13,10 +13,16 @@ from app.system.paths import find_home
 from hal.joints.device import Exoskeleton
 
 Interface = Annotated[
-    str, typer.Option(help="socketcan, local, or any of python-can's; default: the configuration's, else the device's.")
+    str,
+    typer.Option(
+        help="socketcan, local, or any of python-can's; default: the configuration's, with --device the file's."
+    ),
 ]
 Channel = Annotated[
-    str, typer.Option(help="e.g. can0, vcan0, or 43113 for local; default: the configuration's, else the device's.")
+    str,
+    typer.Option(
+        help="e.g. can0; 43113 for local; a,b for two buses; default: the configuration's, with --device the file's."
+    ),
 ]
 Device = Annotated[
     Path | None, typer.Option(help="Device description; default: the configuration's, else the built-in one.")
@@ -29,11 +35,12 @@ def described_drives(
 ) -> tuple[Exoskeleton, Path | None]:
     """The device on its buses, and what extends the motor table; not given: as `[joints]` names it, of either kind.
 
+    A device that is given has its own buses: by those of another one, joints would be reached that are not meant.
     A first power-on is done before `kind` is "can". Raises AppError, HardwareError for a file that can't be used.
     """
     from hal.joints.can.bus import with_bus  # brings python-can
 
     joints = load_config(find_home(home).config).joints
-    named = joints if device is None else replace(joints, device=str(device))
-    described = with_bus(load_device(named), interface or joints.interface, channel or joints.channel)
+    named = joints if device is None else replace(joints, device=str(device), interface="", channel="")
+    described = with_bus(load_device(named), interface or named.interface, channel or named.channel)
     return described, motors or (Path(joints.motors) if joints.motors else None)

@@ -195,7 +195,10 @@ def emulate_drives(
     seconds: Annotated[float, typer.Option(callback=check_finite, help="End after this long; 0: never.", min=0)] = 0.0,
     home: HomeOption = None,
 ) -> None:
-    """Emulate the four drives of the exoskeleton on a CAN bus. An engineer signs in first."""
+    """Emulate the four drives of the exoskeleton on a CAN bus; it refuses a real bus on which anybody sends.
+
+    An engineer signs in first.
+    """
     from hal.joints.emulator.emulator import run_emulator
     from hal.joints.emulator.firmware import read_schedule
 
@@ -203,7 +206,20 @@ def emulate_drives(
     described, table = described_drives(home, device, interface, channel, motors)
     schedule = tuple(read_schedule(text) for text in fault or ())
     body = _body(patient, home) if patient else None
+    _check_free(described)
     _run_shown(described, partial(run_emulator, described, body=body, motors=table, schedule=schedule), seconds)
+
+
+def _check_free(device: Exoskeleton) -> None:
+    """Beside real drives, each joint would be answered for twice. Raises HardwareError."""
+    from hal.joints.can.bus import open_bus
+    from hal.joints.can.scan import listen
+    from hal.joints.emulator.scenes import is_virtual
+
+    for bus in device.buses:
+        if not is_virtual(bus):
+            with open_bus(bus) as opened:
+                listen(opened).check_free(bus.channel)
 
 
 def _run_shown(described: Exoskeleton, run: Callable[..., None], seconds: float) -> None:

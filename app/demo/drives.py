@@ -47,9 +47,9 @@ INTERFACE = "local"  # needs no vcan, and costs less a frame than udp_multicast
 START_S = 30.0  # importing MuJoCo on a busy machine
 
 
-def private_channel() -> str:
-    """A channel that nobody else on this host is likely to use."""
-    return str(random.SystemRandom().randrange(20_000, 60_000))
+def private_channels(count: int) -> str:
+    """Channels that nobody else on this host is likely to use, separated by commas."""
+    return ",".join(map(str, random.SystemRandom().sample(range(20_000, 60_000), count)))
 
 
 @contextmanager
@@ -59,7 +59,7 @@ def emulated_drives(base: JointsConfig, *, wearer: Profile | None = DEMO_PATIENT
     Raises AppError when the emulator does not start.
     """
     device = load_device(base)
-    channel = private_channel()
+    channel = private_channels(len(device.buses))
     spawning = multiprocessing.get_context("spawn")
     ready, stop = spawning.Event(), spawning.Event()
     process = spawning.Process(

@@ -116,7 +116,6 @@ class Remedy(Enum):
     OTHER_HOME = "other home"
     FREE_DISK = "free the disk"
     BOOT_WITH_TSC = "boot with tsc"
-    RESTORE_DEVICE = "restore the device description"
     RELEASE_BUTTON = "release the button"
     CONNECT_BUTTON = "connect the button"
     CHECK_OTHER_COMPUTER = "check the other computer"
@@ -340,11 +339,10 @@ def check_joints(config: Config) -> Iterator[Finding]:
 
     chosen = config.joints
     try:
-        device = load_device(chosen)
+        device = with_bus(load_device(chosen), chosen.interface, chosen.channel)
     except HardwareError as error:
-        yield bad(T.JOINTS, reason_of(error), reason(R.RESTORE_DEVICE))
+        yield bad(T.JOINTS, reason_of(error), None)  # it says itself what to do
         return
-    device = with_bus(device, chosen.interface, chosen.channel)
     yield from examine_can(device, Path(chosen.motors) if chosen.motors else None, ask=False)
 
 

@@ -70,7 +70,7 @@ class LegsLock:
 def claim_legs(setup: SessionSetup) -> LegsLock:
     """For the host of a new session. Raises AppError while anybody of another one may still command or damp.
 
-    Raises HardwareError for a bus that a session's programs can't share.
+    Raises HardwareError for a bus that a session's programs can't share, and for two buses that would be one.
     """
     return _claim(Home(setup.home), lock_paths(setup))
 

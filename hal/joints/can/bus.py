@@ -8,13 +8,14 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import can
 import msgspec
 
-from hal.errors import CanFault, HardwareError
+from hal.errors import CanFault, DeviceFault, HardwareError
 from hal.joints.can.local_bus import LocalBus
 from hal.joints.codecs.wire import Frame
 from hal.joints.device import BusDevice, Exoskeleton
@@ -88,9 +89,10 @@ def frame_of(message: can.Message) -> Frame:
 
 
 def with_bus(device: Exoskeleton, interface: str, channel: str) -> Exoskeleton:
-    """The device on another interface or channel; empty strings change nothing."""
-    if not interface and not channel:
-        return device
+    """The device on another interface or channel; empty strings change nothing.
+
+    Raises HardwareError where two of its buses would be one: drives of one leg may have the IDs of the other's.
+    """
     buses = tuple(
         msgspec.structs.replace(
             bus,
@@ -99,6 +101,10 @@ def with_bus(device: Exoskeleton, interface: str, channel: str) -> Exoskeleton:
         )
         for number, bus in enumerate(device.buses)
     )
+    for bus, other in combinations(buses, 2):
+        # Adapters of one channel name may differ by the options of their interface.
+        if (bus.interface, bus.channel, bus.options) == (other.interface, other.channel, other.options):
+            raise HardwareError(DeviceFault.CHANNEL_SHARED, device=device.name, count=len(buses), bus=bus.channel)
     return msgspec.structs.replace(device, buses=buses)
 
 

@@ -70,6 +70,11 @@ class BusTraffic(NamedTuple):
         if self.busy:
             raise HardwareError(CanFault.BUS_IN_USE, bus=bus, frames=self.frames)
 
+    def check_free(self, bus: str) -> None:
+        """Raises HardwareError when anybody sends on this bus, also drives that upload."""
+        if self.frames:
+            raise HardwareError(CanFault.BUS_NOT_FREE, bus=bus, frames=self.frames)
+
 
 def listen(bus: can.BusABC, seconds: float = LISTEN_S) -> BusTraffic:
     """The traffic without any question."""

@@ -9,13 +9,18 @@ import msgspec
 
 from hal.errors import DrivesFault, HardwareError
 from hal.joints.can.driver import SocketCanJoints
-from hal.joints.device import EMULATED_INTERFACES, Exoskeleton
+from hal.joints.device import EMULATED_INTERFACES, BusDevice, Exoskeleton
 from hal.joints.scene import Scene
+
+
+def is_virtual(bus: BusDevice) -> bool:
+    """Whether no real drive can hang on this bus."""
+    return bus.interface in EMULATED_INTERFACES or bus.channel.startswith("vcan")
 
 
 def may_be_emulated(device: Exoskeleton) -> bool:
     """Whether no real drive can hang on these buses."""
-    return all(bus.interface in EMULATED_INTERFACES or bus.channel.startswith("vcan") for bus in device.buses)
+    return all(is_virtual(bus) for bus in device.buses)
 
 
 def _address(device: Exoskeleton) -> str:

@@ -10,6 +10,7 @@ import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 
+import can
 import msgspec
 import pytest
 import tomlkit
@@ -24,13 +25,13 @@ from app.system.errors import AppError
 from app.system.legs_lock import claim_buses
 from app.system.paths import Home
 from app.text.catalogue import tr
-from hal.errors import CanFault
+from hal.errors import CanFault, DeviceFault
 from hal.joints.can import zero
 from hal.joints.can.bus import with_bus
 from hal.joints.can.candump import FrameKind
 from hal.joints.can.driver import SocketCanJoints
 from hal.joints.can.scan import BusMonitor
-from hal.joints.device import DEFAULT_DEVICE, Exoskeleton, JointDevice, load_exoskeleton
+from hal.joints.device import DEFAULT_DEVICE, BusDevice, Exoskeleton, JointDevice, load_exoskeleton
 from hal.joints.emulator.emulator import DriveEmulator, run_emulator
 from hal.joints.motors import BUILT_IN_TABLE
 from hal.joints.protocol import Joint
@@ -38,6 +39,11 @@ from testing.emulated_drives import emulating
 from tests.support.can_rig import CanRig, command, each_joint, small_gear, until, with_motor
 from tests.support.errors import refused
 
+# Each leg on a bus of its own, with the same IDs on both.
+TWO_BUSES = each_joint(
+    with_motor("AK80-64/V2"),
+    lambda number, joint: msgspec.structs.replace(joint, can_bus=number // 2, can_id=1 + number % 2),
+)
 PERMITTED = {"zero": ("zero", "left_knee"), "monitor": ("monitor", "--ask", "--seconds", "0.5")}
 
 
@@ -63,6 +69,15 @@ def rig() -> Iterator[CanRig]:
         joints.enable(rig.now_ns())
         yield rig
         joints.close(rig.now_ns())
+
+
+def on_two_local_buses(file: Path) -> Exoskeleton:
+    """The device whose description is written there."""
+    ports = random.SystemRandom().sample(range(20_000, 60_000), 2)
+    buses = tuple(BusDevice(interface="local", channel=str(port)) for port in ports)
+    device = msgspec.structs.replace(TWO_BUSES, buses=buses)
+    file.write_text(tomlkit.dumps(msgspec.to_builtins(device)))
+    return device
 
 
 def call(device: Exoskeleton, *arguments: str) -> None:
@@ -165,6 +180,66 @@ def test_a_zero_that_is_lost_with_the_supply_is_announced_as_that(
     assert (tr("can.zero_temporary") in done.output) == lost
 
 
+def test_a_device_that_is_named_has_its_own_buses(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """On the home's one bus the zero would be that of the other leg's drive with this ID."""
+    monkeypatch.setattr(zero, "STILL_FOR_S", 0.05)
+    monkeypatch.setattr(secrets, "token_hex", lambda _: "ab12")
+    device = on_two_local_buses(tmp_path / "two.toml")
+    (tmp_path / "home").mkdir()
+    config = {"joints": {"interface": "local", "channel": device.buses[0].channel}}
+    (tmp_path / "home" / "config.toml").write_text(tomlkit.dumps(config))
+    with emulating(DriveEmulator(device)) as emulator:
+        for drive in emulator.drives:
+            drive.zero_rad = -0.3
+        asked = ["zero", "right_hip", "--device", str(tmp_path / "two.toml")]
+        done = CliRunner().invoke(cli, asked, input="y\nab12\n")
+    assert done.exit_code == 0, done
+    assert [drive.zero_rad != -0.3 for drive in emulator.drives] == [False, False, True, False]
+
+
+@pytest.mark.parametrize("name", [*PERMITTED, "scan", "doctor"])
+def test_two_buses_are_not_asked_as_one(tmp_path: Path, name: str) -> None:
+    device = on_two_local_buses(tmp_path / "two.toml")
+    arguments = [*PERMITTED.get(name, (name,)), "--device", str(tmp_path / "two.toml")]
+    with refused(DeviceFault.CHANNEL_SHARED, bus=device.buses[1].channel, count=2):
+        CliRunner().invoke(cli, [*arguments, "--channel", device.buses[1].channel], catch_exceptions=False)
+
+
+class TestEmulatedOnARealBus:
+    """Emulated drives would answer beside those that hang on it."""
+
+    @pytest.fixture(autouse=True)
+    def _in_this_process(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        monkeypatch.setattr(f"{run_emulator.__module__}._set_scheduling", lambda: None)  # of a process of its own
+        monkeypatch.setattr(f"{run_emulator.__module__}._gc_freeze", lambda: None)
+
+    @pytest.fixture
+    def device(self, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Exoskeleton:
+        """On an adapter, in whose place python-can opens its virtual bus."""
+        monkeypatch.setitem(can.interfaces.BACKENDS, "pcan", ("can.interfaces.virtual", "VirtualBus"))
+        return with_bus(with_motor("AK80-64/servo"), "pcan", f"emulated {tmp_path}")
+
+    def test_drives_that_send_by_themselves_are_not_answered_for(self, device: Exoskeleton) -> None:
+        with emulating(DriveEmulator(device)), refused(CanFault.BUS_NOT_FREE, bus=device.buses[0].channel):
+            self.emulate(device)
+
+    def test_drives_that_a_session_commands_are_not_answered_for(self, device: Exoskeleton) -> None:
+        channel = device.buses[0].channel
+        with can.Bus(interface="pcan", channel=channel) as session, refused(CanFault.BUS_NOT_FREE, bus=channel):
+            session.send_periodic(can.Message(arbitration_id=1, is_extended_id=False, data=bytes(8)), 0.002)
+            self.emulate(device)
+
+    def test_on_a_bus_without_anybody_they_are_emulated(self, device: Exoskeleton) -> None:
+        assert tr("emulate.ended") in self.emulate(device)
+
+    def emulate(self, device: Exoskeleton) -> str:
+        """What is shown."""
+        bus = device.buses[0]
+        given = ["--interface", bus.interface, "--channel", bus.channel, "--seconds", "0.01"]
+        done = CliRunner().invoke(simulating.cli, ["emulate-drives", *given], catch_exceptions=False)
+        return done.stdout
+
+
 class TestConfigured:
     """A home whose `[joints]` names a device with other IDs, of a motor that its own table alone has."""
 
@@ -245,6 +320,8 @@ class TestConfigured:
         given = ["--device", str(tmp_path / "built-in.toml")]
         done = CliRunner().invoke(cli, ["decode", str(tmp_path / "a.log"), *given])
         assert "right knee" in done.stdout
+        described, motors = described_drives(None, tmp_path / "built-in.toml", "", "")
+        assert (described.buses, motors) == (load_exoskeleton().buses, tmp_path / "own.toml")
         described, motors = described_drives(None, None, "virtual", "")
         assert [(bus.interface, bus.channel) for bus in described.buses] == [("virtual", device.buses[0].channel)]
         assert motors == tmp_path / "own.toml"

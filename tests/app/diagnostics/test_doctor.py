@@ -9,7 +9,9 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 
+import msgspec
 import pytest
+import tomlkit
 from rich.cells import cell_len
 from rich.console import Console
 from typer.testing import CliRunner
@@ -27,7 +29,9 @@ from app.system.config import CameraConfig, Config, JointsConfig
 from app.system.hand_model import MODEL_NAME
 from app.system.paths import Home
 from app.text.catalogue import knows, render, tr, use_language
+from hal.errors import DeviceFault
 from hal.inputs.device import Contact, ContactReading, InputDevice, InputRole
+from hal.joints.device import BusDevice, load_exoskeleton
 from logs.reason import Reason, key_of, reason
 
 
@@ -251,6 +255,10 @@ def test_joints_on_can_are_examined(tmp_path: Path) -> None:
     assert one(doctor.check_joints(Config())).grade is Grade.NOTE
     broken = Config(joints=JointsConfig(kind="can", device=str(tmp_path / "none.toml")))
     assert "none.toml" in rendered(one(doctor.check_joints(broken)))
+    two = msgspec.structs.replace(load_exoskeleton(), buses=(BusDevice(channel="can0"), BusDevice(channel="can1")))
+    (tmp_path / "two.toml").write_text(tomlkit.dumps(msgspec.to_builtins(two)))
+    shared = Config(joints=JointsConfig(kind="can", device=str(tmp_path / "two.toml"), channel="can77"))
+    assert one(doctor.check_joints(shared)).what.code == key_of(DeviceFault.CHANNEL_SHARED)
 
 
 def test_the_command_ends_1_when_something_is_bad(tmp_path: Path) -> None:

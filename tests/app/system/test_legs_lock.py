@@ -13,6 +13,7 @@ from pathlib import Path
 
 import msgspec
 import pytest
+import tomlkit
 
 from app.ipc.links import new_link_directory
 from app.system import legs_lock
@@ -20,7 +21,8 @@ from app.system.config import Config, JointsConfig, SessionSetup
 from app.system.errors import AppError
 from app.system.legs_lock import LegsLock, check_legs_free, claim_legs, lock_paths, share_legs
 from app.system.paths import Home, LockFault, hold_home
-from hal.errors import CanFault
+from hal.errors import CanFault, DeviceFault
+from hal.joints.device import BusDevice, load_exoskeleton
 from profiles.schema import DEMO_PATIENT
 from tests.support.disks import read_only_disk
 from tests.support.errors import refused
@@ -103,6 +105,14 @@ def test_a_bus_that_one_program_alone_can_read_is_no_sessions(tmp_path: Path) ->
     """Control, guardian and bus log would each receive a third of the frames, in pieces."""
     setup = setup_of(tmp_path, JointsConfig(kind="can", interface="slcan", channel="/dev/ttyACM0"))
     with refused(CanFault.NOT_SHARED, bus="/dev/ttyACM0", interface="slcan"):
+        claim_legs(setup)
+
+
+def test_two_buses_on_one_channel_are_no_sessions(tmp_path: Path) -> None:
+    two = msgspec.structs.replace(load_exoskeleton(), buses=(BusDevice(channel="can0"), BusDevice(channel="can1")))
+    (tmp_path / "two.toml").write_text(tomlkit.dumps(msgspec.to_builtins(two)))
+    setup = setup_of(tmp_path, JointsConfig(kind="can", device=str(tmp_path / "two.toml"), channel="can0"))
+    with refused(DeviceFault.CHANNEL_SHARED, device=two.name, count=2, bus="can0"):
         claim_legs(setup)
 
 

@@ -11,14 +11,25 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import can
+import msgspec
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hal.errors import CanFault
-from hal.joints.can.bus import ERROR_FRAMES, BusPort, bus_load, fault_of, frame_bits, meaning_of, message_of, open_bus
+from hal.errors import CanFault, DeviceFault
+from hal.joints.can.bus import (
+    ERROR_FRAMES,
+    BusPort,
+    bus_load,
+    fault_of,
+    frame_bits,
+    meaning_of,
+    message_of,
+    open_bus,
+    with_bus,
+)
 from hal.joints.codecs.wire import Frame
-from hal.joints.device import BusDevice
+from hal.joints.device import BusDevice, Exoskeleton, load_exoskeleton
 from hal.joints.protocol import BusFault
 from tests.support.breaking_bus import BreakingBus
 from tests.support.errors import refused
@@ -87,6 +98,39 @@ def test_an_error_frame_of_no_known_kind_is_still_one() -> None:
 def test_bus_off_outweighs_what_comes_with_it() -> None:
     message = can.Message(is_error_frame=True, is_extended_id=True, arbitration_id=0x1FF)
     assert meaning_of(message).fault is BusFault.BUS_OFF
+
+
+TWO = msgspec.structs.replace(load_exoskeleton(), buses=(BusDevice(channel="can0"), BusDevice(channel="can1")))
+
+
+def channels(device: Exoskeleton) -> list[str]:
+    return [bus.channel for bus in device.buses]
+
+
+@pytest.mark.parametrize("channel", ["can1", "can0,can0", "can0, can0,can1", "can1,"])
+def test_two_buses_of_a_device_are_never_one(channel: str) -> None:
+    """Each may have a drive with the same ID: the command to one leg would reach the other."""
+    with refused(DeviceFault.CHANNEL_SHARED, device=TWO.name, count=2, bus=channel[:4]):
+        with_bus(TWO, "", channel)
+
+
+def test_two_buses_that_a_description_has_on_one_channel_are_refused() -> None:
+    forgotten = msgspec.structs.replace(TWO, buses=(BusDevice(), BusDevice()))
+    with refused(DeviceFault.CHANNEL_SHARED, count=2, bus="can0"):
+        with_bus(forgotten, "", "")
+    assert channels(with_bus(forgotten, "", "can0,can1")) == ["can0", "can1"]
+
+
+def test_each_bus_is_put_on_its_own_channel() -> None:
+    assert with_bus(TWO, "", "") == TWO
+    assert channels(with_bus(TWO, "local", "43113, 43114")) == ["43113", "43114"]
+    assert channels(with_bus(TWO, "", "can2,")) == ["can2", "can1"]
+
+
+def test_adapters_that_their_options_tell_apart_may_name_their_channels_alike() -> None:
+    adapters = tuple(BusDevice(interface="ixxat", channel="0", options={"unique_hardware_id": name}) for name in "ab")
+    device = msgspec.structs.replace(TWO, buses=adapters)
+    assert with_bus(device, "", "0") == device
 
 
 @given(stamp_s=st.floats(0, 4e9), empty_ns=st.integers(0, 10**12), later_ns=st.integers(0, 10**10))
