@@ -112,7 +112,30 @@ T = TypeVar("T")
 
 FIRST_FRAME_S = 10.0  # without one for so long after opening a camera gives none
 SILENCE_S = 2.0  # without a frame for so long a device counts as lost
+AWAY_S = 1.0  # between two `take`, beyond their timeout: no more counts as silence
 JOIN_S = 1.0
+LATE_NS = 200_000_000  # an image that is later than usual by more was waiting while this process stood still
+DRIFT_SHARE = 1000  # of the time: by so little the usual delay grows, more than two clocks drift apart
+
+
+class UsualDelay:
+    """The least delay of a camera's images so far.
+
+    Compared with it, an image that waited in a driver's buffer stands out, while a slow camera's images don't, nor do
+    those whose stamps begin at another moment than this host's clock.
+    """
+
+    def __init__(self) -> None:
+        self._least_ns: int | None = None
+        self._updated_ns = 0
+
+    def exceeded(self, delay_ns: int, now_ns: int, by_ns: int = LATE_NS) -> bool:
+        """Whether this image's delay is longer than usual by more than that; never the first one's."""
+        least_ns = delay_ns
+        if self._least_ns is not None:
+            least_ns = min(delay_ns, self._least_ns + (now_ns - self._updated_ns) // DRIFT_SHARE)
+        self._least_ns, self._updated_ns = least_ns, now_ns
+        return delay_ns - least_ns > by_ns
 
 
 class LatestFrame(Generic[T]):
@@ -124,7 +147,8 @@ class LatestFrame(Generic[T]):
     def __init__(self, grab: Callable[[], T | None], *, lost: HardwareError, silence_s: float = SILENCE_S) -> None:
         """grab: blocks for the next frame, None when none came, HardwareError when the device is gone.
 
-        lost: raised when nothing came for silence_s, or no first value for FIRST_FRAME_S.
+        lost: raised when nothing came for silence_s, or no first value for FIRST_FRAME_S. That is counted while
+        somebody takes: else the whole process may have stood still.
         """
         self._grab = grab
         self._lost = lost
@@ -134,7 +158,7 @@ class LatestFrame(Generic[T]):
         self._value: T | None = None
         self._error: HardwareError | EndOfRecording | None = None
         self._stopped = False
-        self._received_s = time.monotonic()
+        self._received_s = self._taken_s = time.monotonic()
         self._thread = threading.Thread(target=self._run, name="camera-reader", daemon=True)
         self._thread.start()
 
@@ -142,12 +166,15 @@ class LatestFrame(Generic[T]):
         """The newest value not yet taken, or None in time. Raises HardwareError when the device is lost."""
         with self._changed:
             self._changed.wait_for(lambda: self._value is not None or self._error is not None, timeout_s)
+            now_s = time.monotonic()
+            paused_s = max(0.0, now_s - self._taken_s - timeout_s - AWAY_S)
+            self._taken_s, self._received_s = now_s, min(self._received_s + paused_s, now_s)
             if self._value is not None:
                 value, self._value = self._value, None
                 return value
             if self._error is not None:
                 raise self._error
-            if time.monotonic() - self._received_s > self._limit_s:
+            if now_s - self._received_s > self._limit_s:
                 raise self._lost
             return None
 

@@ -19,7 +19,16 @@ from typing import Any
 import cv2
 import numpy as np
 
-from hal.cameras.camera import DepthArray, EndOfRecording, Frame, ImageArray, Intrinsics, IntrinsicsSource, LatestFrame
+from hal.cameras.camera import (
+    DepthArray,
+    EndOfRecording,
+    Frame,
+    ImageArray,
+    Intrinsics,
+    IntrinsicsSource,
+    LatestFrame,
+    UsualDelay,
+)
 from hal.cameras.intrinsics import check_possible
 from hal.cameras.realsense_streams import PipelineStreams, SensorStreams, Streams
 from hal.errors import CameraFault, HardwareError, RecordingFault
@@ -72,7 +81,8 @@ class RealSenseCamera:
         self._sequence = 0
         self._colour_id: FrameId | None = None
         self._depth_id: FrameId | None = None
-        self._depth_ns = 0  # when that came first
+        self._depth_ns = 0  # when that came first; 0: too late to count
+        self._delay = UsualDelay()
         self._name = device or "RealSense"
 
     @property
@@ -84,6 +94,11 @@ class RealSenseCamera:
     def finite(self) -> bool:
         """Whether it plays a recording."""
         return self._software is None and Path(self._device).suffix.lower() in RECORDINGS
+
+    @property
+    def _stamped_live(self) -> bool:
+        """Whether its stamps go on with this host's time; a recording's and a software device's need not."""
+        return self._software is None and not self.finite
 
     def open(self) -> None:
         """Start it. Raises HardwareError: no library, no camera, a slow port, a recording that can't be read."""
@@ -162,6 +177,7 @@ class RealSenseCamera:
     def _begin(self, rs: ModuleType, streams: Streams) -> None:
         self._streams, device = streams, streams.device
         self._colour_id = self._depth_id = None
+        self._delay = UsualDelay()
         self._playback = device.as_playback() if device.is_playback() else None
         running = {profile.stream_type(): profile for profile in streams.profiles}
         if rs.stream.color not in running:
@@ -182,15 +198,20 @@ class RealSenseCamera:
     def _grab(self, streams: Streams) -> _FrameSet | None:
         """One frame set; None when none with a new colour image came in time. Depth that is old counts as none.
 
-        Beside a live stream, librealsense gives a stalled one's last frame again and again.
+        Beside a live stream, librealsense gives a stalled one's last frame again and again. A camera's frames that
+        waited in its queues while this process stood still are none, by their stamps, of whatever clock.
         """
         try:
             frames = streams.wait(GRAB_MS)
-            if frames is None or (colour_id := _frame_id(frames.get_color_frame())) in {None, self._colour_id}:
+            colour_id = None if frames is None else _frame_id(frames.get_color_frame())
+            if frames is None or colour_id is None or colour_id == self._colour_id:
                 self._check_end()
                 return None
             captured_ns = time.monotonic_ns()
             depth_id = _frame_id(frames.get_depth_frame())
+            if self._stamped_live and self._delay.exceeded(captured_ns - round(colour_id[1] * 1e6), captured_ns):
+                self._colour_id, self._depth_id, self._depth_ns = colour_id, depth_id, 0
+                return None
             aligned = self._align.process(frames)
             colour, depth = aligned.get_color_frame(), aligned.get_depth_frame()
         except RuntimeError as error:

@@ -9,12 +9,14 @@ from typing import Any
 import cv2
 import numpy as np
 
-from hal.cameras.camera import Frame, ImageArray, Intrinsics, LatestFrame
+from hal.cameras.camera import LATE_NS, Frame, ImageArray, Intrinsics, LatestFrame, UsualDelay
 from hal.cameras.intrinsics import choose
 from hal.cameras.webcam_list import SYSFS, find_webcam, list_webcams
 from hal.errors import CameraFault, HardwareError
 
 COMPARED_ROWS = 8  # every eighth: no sensor gives the same noise in 90 rows twice
+LONGEST_AGE_NS = 300_000_000_000  # by a stamp; an older image's stamp is of another clock, or none
+AWAY_NS = 250_000_000  # between two images without stamps, more than usual; a button takes no more for one motion
 
 
 class WebcamCamera:
@@ -44,6 +46,8 @@ class WebcamCamera:
         self._intrinsics: Intrinsics | None = None
         self._sequence = 0
         self._before: ImageArray | None = None
+        self._delay = UsualDelay()
+        self._read_ns = 0  # when the newest image came; 0: none has
         self._name = device or "webcam"
 
     @property
@@ -66,6 +70,7 @@ class WebcamCamera:
         except HardwareError:
             self.close()
             raise
+        self._delay, self._read_ns = UsualDelay(), 0
         self._latest = LatestFrame(self._grab, lost=HardwareError(CameraFault.NO_FRAMES, camera=entry.name))
 
     def read(self, timeout_s: float) -> Frame | None:
@@ -109,7 +114,21 @@ class WebcamCamera:
         captured_ns = time.monotonic_ns()
         if not there:
             raise HardwareError(CameraFault.UNPLUGGED, camera=self._name)
+        late = self._is_late(captured_ns)
         before, self._before = self._before, image
         if before is not None and np.array_equal(image[::COMPARED_ROWS], before[::COMPARED_ROWS]):
             return None  # a camera that hangs repeats its last image: the hand in it may have gone
-        return (cv2.flip(image, 1) if self._mirrored else image), captured_ns
+        return None if late else ((cv2.flip(image, 1) if self._mirrored else image), captured_ns)
+
+    def _is_late(self, captured_ns: int) -> bool:
+        """Whether the image may be from before this process stood still: V4L2 fills its one buffer and then waits.
+
+        OpenCV gives the buffer's own stamp, of CLOCK_MONOTONIC (uvcvideo's default) at the image's first packet.
+        """
+        before_ns, self._read_ns = self._read_ns, captured_ns
+        stamp_ns = round(self._capture.get(cv2.CAP_PROP_POS_MSEC) * 1e6)
+        age_ns = captured_ns - stamp_ns
+        if stamp_ns > 0 and 0 <= age_ns < LONGEST_AGE_NS:
+            late = self._delay.exceeded(age_ns, captured_ns)
+            return late or (not before_ns and age_ns > LATE_NS)
+        return bool(before_ns) and self._delay.exceeded(captured_ns - before_ns, captured_ns, AWAY_NS)

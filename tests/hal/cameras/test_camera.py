@@ -55,6 +55,36 @@ def test_a_driver_that_hangs_is_reported_and_abandoned() -> None:
     release.set()
 
 
+class Clock:
+    """Stands in for the module `time` of a process that stands still at will."""
+
+    def __init__(self) -> None:
+        self.now_s = 100.0
+
+    def monotonic(self) -> float:
+        return self.now_s
+
+
+def test_a_pause_of_the_whole_process_is_no_silence_of_the_driver(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Its thread stood still as well: a camera that works had been closed and opened anew."""
+    monkeypatch.setattr(camera, "time", clock := Clock())
+    release, values = threading.Event(), [1]
+    newest = LatestFrame(lambda: values.pop() if values else release.wait(30) or None, lost=LOST)
+    assert newest.take(10.0) == 1
+    try:
+        clock.now_s += 10.0
+        assert newest.take(0.0) is None
+        asked_s = clock.now_s
+        with refused(CameraFault.NO_FRAMES, camera="cam"):
+            while clock.now_s < asked_s + 2 * camera.SILENCE_S:
+                clock.now_s += 0.1
+                newest.take(0.0)
+        assert clock.now_s - asked_s == pytest.approx(camera.SILENCE_S - camera.AWAY_S, abs=0.15)
+    finally:
+        release.set()
+        newest.stop()
+
+
 def test_the_first_value_may_take_longer_than_the_next(monkeypatch: pytest.MonkeyPatch) -> None:
     release, waiting = threading.Event(), []
     for first_s, lost in ((60.0, False), (0.0, True)):

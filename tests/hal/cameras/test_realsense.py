@@ -145,12 +145,13 @@ def test_a_stream_that_stops_is_reported_and_comes_back(camera: RealSenseCamera,
     assert next_frame(camera, software, 0.40, first=1000).depth_m is not None
 
 
-def frame_set(colour: int, depth: int) -> Any:
-    """As librealsense gives it, of small images with these frame numbers."""
+def frame_set(colour: int, depth: int, period_ns: int = PERIOD_NS, epoch_ns: int = 0) -> Any:
+    """As librealsense gives it, of small images with these frame numbers, stamped by them."""
 
     def frame(number: int, pixels: Any) -> Any:
         layout = SimpleNamespace(format=lambda: SimpleNamespace(name="bgr8"))
-        calls = {"get_frame_number": number, "get_timestamp": number * PERIOD_NS / 1e6, "get_data": pixels}
+        stamp_ms = (epoch_ns + number * period_ns) / 1e6
+        calls = {"get_frame_number": number, "get_timestamp": stamp_ms, "get_data": pixels}
         return SimpleNamespace(profile=layout, **{name: lambda value=value: value for name, value in calls.items()})
 
     images = frame(colour, np.zeros((2, 2, 3), np.uint8)), frame(depth, np.full((2, 2), 400, np.uint16))
@@ -178,6 +179,23 @@ def test_a_stalled_streams_last_frame_beside_a_live_one_is_no_new_one(
     assert depths == [True, None, True, True, False, True], "one image late is none too old"
     came = [one and (one.depth_ns - 10**9) // PERIOD_NS for one in given]
     assert came == [0, None, 2, 2, 2, 9]
+
+
+@pytest.mark.parametrize(("rate_hz", "epoch_ns"), [(30, 0), (30, 1_700_000_000_000_000_000), (6, 0)])
+def test_frame_sets_that_waited_while_the_process_stood_still_are_none(
+    unaligned: RealSenseCamera, monkeypatch: pytest.MonkeyPatch, rate_hz: int, epoch_ns: int
+) -> None:
+    """Dated by their arrival, they had shown a hand where it was long ago."""
+    period_ns = 10**9 // rate_hz
+    came = {1: 1, 2: 2, 3: 180, 4: 180, 5: 180, 181: 181, 182: 182}  # in which period, by number
+    given = []
+    for number, period in came.items():
+        monkeypatch.setattr("hal.cameras.realsense.time.monotonic_ns", lambda period=period: 10**9 + period * period_ns)
+        frames = frame_set(number, 5 if number == 181 else number, period_ns, epoch_ns)
+        streams: Any = SimpleNamespace(wait=lambda _, frames=frames: frames)
+        given.append(unaligned._grab(streams))
+    assert [one is not None for one in given] == [True, True, False, False, False, True, True]
+    assert [one.depth_m is not None for one in given if one] == [True, True, False, True], "its depth is as old"
 
 
 def test_a_colour_stream_that_stalls_beside_a_live_depth_stream_is_lost(unaligned: RealSenseCamera) -> None:
