@@ -22,6 +22,9 @@ from logs.reason import Reason, reason
 from logs.records import GuidedTestResult
 
 ROUNDING_M = 1e-6  # of sums of steps
+# Between two snapshots, of twenty a second. When a step in a longer time ended nobody knows: by the later snapshot a
+# walk of 1.4 s had taken 6.2 s.
+UNOBSERVED_S = 0.5
 
 
 class GuidedTest(Enum):
@@ -50,6 +53,7 @@ class GuidedStop(Enum):
     HELD = auto()
     CONTROL_SILENT = auto()
     CONTROL_RESTARTED = auto()
+    NOT_OBSERVED = auto()  # gap_s
     SESSION_ENDED = auto()
 
 
@@ -195,6 +199,9 @@ def _observed(run: GuidedRun, now: ControlSnapshot) -> GuidedRun:
     if completed_ns is None:
         return _seated_early(counted, now)
     late = run.procedure.limit_s is not None and now.at_ns > completed_ns  # a step since then does not count
+    gap_s = (now.at_ns - run.at_ns) / 1e9
+    if gap_s > UNOBSERVED_S and counted.steps > run.steps and (late or completed_ns == now.at_ns):
+        return stop(run, reason(GuidedStop.NOT_OBSERVED, gap_s=gap_s))
     figures = run if late else counted
     return replace(figures, began_ns=counted.began_ns, at_ns=completed_ns, outcome=Outcome.COMPLETED)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from math import inf
 
 import pytest
 from textual.css.query import NoMatches
@@ -21,6 +22,12 @@ from testing.fake_host import FakeHost, walk_steps
 from tests.app.console.conftest import Console, Opener
 
 MINUTE_NS = 60_000_000_000
+
+
+@pytest.fixture(autouse=True)
+def slow_machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The machine of the tests may stand still between two snapshots; tests/app/outcomes has what comes of it."""
+    monkeypatch.setattr("app.outcomes.guided.UNOBSERVED_S", inf)
 
 
 def results(trail: list[Body]) -> list[GuidedTestResult]:

@@ -13,6 +13,7 @@ from app.ipc.messages import ActionReport, ControlSnapshot
 from app.ipc.states import LEVEL_WALKING, Action, Effect, Event, GaitState, Outcome, Source
 from app.outcomes.guided import (
     PROCEDURES,
+    UNOBSERVED_S,
     GuidedRefusal,
     GuidedRun,
     GuidedStop,
@@ -107,7 +108,7 @@ def test_an_action_before_the_start_starts_no_clock() -> None:
 
 
 def test_ten_metres_end_with_the_step_that_completes_them() -> None:
-    before = follow(TEN, walked(5.0, 0, WALK), walked(70.0, 33, WALK))
+    before = follow(TEN, walked(5.0, 0, WALK), walked(70.0, 33, WALK), walked(71.95, 33, WALK))
     assert not before.ended
     assert before.remaining_m == pytest.approx(0.1)
     run = advance(before, walked(72.0, 34, WALK), fresh=True)
@@ -122,7 +123,7 @@ def test_ten_metres_end_with_the_step_that_completes_them() -> None:
 
 def test_ten_metres_of_even_steps_need_no_further_one() -> None:
     now = snapshot(50.0, steps=47, distance_walked_m=2.1 + sum([0.25] * 40), reports=(WALK,))
-    assert follow(TEN, now).outcome is Outcome.COMPLETED
+    assert follow(TEN, walked(49.95, 30, WALK), now).outcome is Outcome.COMPLETED
 
 
 def test_six_minutes_end_by_the_clock_and_count_no_later_step() -> None:
@@ -133,6 +134,35 @@ def test_six_minutes_end_by_the_clock_and_count_no_later_step() -> None:
     assert (result.outcome, result.steps, result.duration_s) == ("completed", 120, 360.0)
     assert result.distance_m == pytest.approx(36.0)
     assert result.ended_ns == START_NS + 364 * S_NS
+
+
+def test_ten_metres_whose_end_nobody_observed_are_not_completed() -> None:
+    """A console that stood still: its own pause had become the patient's time."""
+    before = follow(TEN, walked(4.2, 0, WALK), walked(5.2, 33, WALK))
+    result = result_of(advance(before, walked(10.2, 34, WALK), fresh=True))
+    assert (result.outcome, result.reason) == ("stopped", reason(GuidedStop.NOT_OBSERVED, gap_s=5.0))
+    assert (result.steps, result.ended_ns) == (33, before.at_ns)
+    assert result.duration_s == pytest.approx(1.2)
+
+
+@pytest.mark.parametrize(("steps", "outcome"), [(704, Outcome.STOPPED), (700, Outcome.COMPLETED)])
+def test_six_minutes_whose_last_steps_nobody_observed_are_not_completed(steps: int, outcome: Outcome) -> None:
+    run = follow(SIX, walked(5.0, 0, WALK), walked(360.0, 700, WALK), walked(368.0, steps, WALK))
+    assert (run.outcome, run.steps) == (outcome, 700), "without a step in that time nothing is unknown"
+
+
+def test_up_and_go_whose_end_nobody_observed_has_its_time_from_control() -> None:
+    sat = report(Action.SIT_DOWN, first_motion_s=60.0, ended_s=65.3)
+    run = follow(UP_AND_GO, walked(58.0, 19, WALK), walked(70.0, 20, WALK, sat, state=GaitState.SITTING))
+    assert run.outcome is Outcome.COMPLETED
+    assert run.duration_s == pytest.approx(65.3)
+
+
+@pytest.mark.parametrize(("test", "end_s"), [(TEN, 72.0), (SIX, 364.04)])
+def test_a_time_without_snapshots_in_the_middle_of_a_walk_does_no_harm(test: GuidedTest, end_s: float) -> None:
+    early, late = (walked(at_s, steps, WALK) for at_s, steps in ((5.0, 1), (30.0, 20)))
+    run = follow(test, early, late, walked(end_s - 0.05, 33, WALK), walked(end_s, 34, WALK))
+    assert run.outcome is Outcome.COMPLETED
 
 
 def test_six_minutes_go_on_through_a_rest() -> None:
@@ -183,9 +213,8 @@ def test_what_does_not_hold_the_legs_ends_nothing(effect: Effect) -> None:
 @pytest.mark.parametrize(("since_s", "outcome"), [(363.9, Outcome.STOPPED), (364.01, Outcome.COMPLETED)])
 def test_a_hold_at_the_end_counts_only_if_it_came_before(since_s: float, outcome: Outcome) -> None:
     held = (event(Event.STOP, Effect.HOLD, START_NS + round(since_s * 1e9)),)
-    assert (
-        follow(SIX, walked(5.0, 0, WALK), walked(364.04, 9, WALK, effect=Effect.HOLD, events=held)).outcome is outcome
-    )
+    run = follow(SIX, walked(363.99, 9, WALK), walked(364.04, 9, WALK, effect=Effect.HOLD, events=held))
+    assert run.outcome is outcome
 
 
 @pytest.mark.parametrize("test", GuidedTest)
@@ -211,7 +240,7 @@ def histories(draw: st.DrawFn) -> list[tuple[ControlSnapshot, bool]]:
     found = []
     steps, at_s, motion_s = 0, 0.0, draw(st.floats(0.1, 20.0))
     for _ in range(draw(st.integers(1, 30))):
-        at_s += draw(st.floats(-1.0, 60.0))
+        at_s += draw(st.floats(-1.0, 60.0) | st.floats(0.0, 0.1))
         steps += draw(st.integers(0, 12))
         reports = [report(Action.WALK, first_motion_s=motion_s)] if at_s >= motion_s else []
         if at_s > 1.0 and draw(st.booleans()):
@@ -259,6 +288,9 @@ def _ended_rightly(run: GuidedRun, now: ControlSnapshot, *, fresh: bool) -> None
     elif now.incarnation != run.incarnation:
         assert code == key_of(GuidedStop.CONTROL_RESTARTED)
     else:
+        if code == key_of(GuidedStop.NOT_OBSERVED):
+            assert now.at_ns - run.at_ns > UNOBSERVED_S * 1e9
+            return
         early = code == key_of(GuidedStop.SAT_DOWN_EARLY)
         assert early is (now.effect < Effect.HOLD)
         assert not early or (procedure.until_seated and run.remaining_m)
