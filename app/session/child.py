@@ -70,6 +70,7 @@ LOADING_S = 40.0
 SILENCE_S = 5.0
 BACK_OFF_S = (1.0, 2.0, 4.0, 8.0, 16.0)
 STEADY_S = 60.0  # one that still reports after this is no repetition of the failure before
+AWAY_S = 1.0  # between two questions, of twenty a second: no more counts as silence
 
 
 @dataclass(slots=True)
@@ -82,9 +83,14 @@ class Supervisor:
     _last_report_s: float | None = None
     _started_s: float | None = None
     _failed_s: float | None = None
+    _asked_s: float | None = None
 
     def must_restart(self, now_s: float, *, alive: bool, reported: bool, ready: bool = True) -> bool:
-        """Whether to start perception again now; counts it when so. ready: its report says that the model is loaded."""
+        """Whether to start perception again now; counts it when so. ready: its report says that the model is loaded.
+
+        Silence is counted while somebody asks: on a computer that stands still all processes do.
+        """
+        self._leave_out_pause(now_s)
         if self._started_s is None:
             self._started_s = now_s
         if reported:
@@ -102,6 +108,14 @@ class Supervisor:
         self._in_a_row += 1
         self._started_s, self._last_report_s, self._failed_s, self._ready = now_s, None, None, False
         return True
+
+    def _leave_out_pause(self, now_s: float) -> None:
+        paused_s = 0.0 if self._asked_s is None else max(0.0, now_s - self._asked_s - AWAY_S)
+        self._asked_s = now_s
+        if self._started_s is not None:
+            self._started_s += paused_s
+        if self._last_report_s is not None:
+            self._last_report_s += paused_s
 
     def _silent(self, now_s: float) -> bool:
         newest_s = self._started_s if self._last_report_s is None else self._last_report_s

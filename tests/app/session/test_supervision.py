@@ -18,7 +18,7 @@ import pytest
 from app.audit.process import GIVE_UP_S
 from app.ipc.streams import SESSION
 from app.session import supervise
-from app.session.child import BACK_OFF_S, LOADING_S, SILENCE_S, STEADY_S, Supervisor
+from app.session.child import AWAY_S, BACK_OFF_S, LOADING_S, SILENCE_S, STEADY_S, Supervisor
 from app.session.host import make_setup
 from app.session.shared import Launch, encode, take_lease
 from app.session.supervise import SessionProcesses, end_child
@@ -54,26 +54,50 @@ def test_only_failures_in_a_row_are_counted_against_it(reports_s: float, restart
     assert supervisor.restarts == restarts
 
 
+def restarted_s(supervisor: Supervisor, from_s: float, to_s: float) -> float | None:
+    """When it restarts one that lives and does not report, asked as often as in a session; None: not in that time."""
+    period_s = 1 / SESSION.rate_hz
+    moments = (from_s + i * period_s for i in range(1, round((to_s - from_s) / period_s) + 1))
+    return next((t for t in moments if supervisor.must_restart(t, alive=True, reported=False)), None)
+
+
 def test_a_frozen_one_is_started_again_after_its_timeout() -> None:
     supervisor = Supervisor()
     assert not supervisor.must_restart(0.0, alive=True, reported=True)
-    assert not supervisor.must_restart(SILENCE_S * 0.9, alive=True, reported=False)
-    assert supervisor.must_restart(SILENCE_S * 1.1, alive=True, reported=False)
+    assert restarted_s(supervisor, 0.0, SILENCE_S * 1.1) == pytest.approx(SILENCE_S, abs=0.1)
+
+
+@pytest.mark.parametrize(("ready", "pause_s"), [(True, 6.0), (True, 600.0), (False, 60.0)])
+def test_a_pause_of_the_supervisor_itself_is_no_silence(ready: bool, pause_s: float) -> None:
+    """A computer that stood still: a healthy perception had been killed when it woke, before it could report."""
+    supervisor = Supervisor()
+    assert not supervisor.must_restart(0.0, alive=True, reported=True, ready=ready)
+    assert not supervisor.must_restart(pause_s, alive=True, reported=False)
+    limit_s = pause_s + (SILENCE_S if ready else LOADING_S)
+    after_s = restarted_s(supervisor, pause_s, limit_s)
+    assert after_s is not None, "one that is really silent is started again"
+    assert after_s == pytest.approx(limit_s - AWAY_S, abs=0.1)
+
+
+def test_a_supervisor_that_is_always_slow_still_finds_a_silent_one() -> None:
+    supervisor = Supervisor()
+    assert not supervisor.must_restart(0.0, alive=True, reported=True)
+    assert any(supervisor.must_restart(2.0 * i, alive=True, reported=False) for i in range(1, 8))
 
 
 def test_loading_the_model_is_not_mistaken_for_a_freeze() -> None:
     supervisor = Supervisor()
     assert not supervisor.must_restart(0.0, alive=True, reported=False)
-    assert not supervisor.must_restart(LOADING_S * 0.9, alive=True, reported=False)
-    assert supervisor.must_restart(LOADING_S * 1.1, alive=True, reported=False)
+    assert restarted_s(supervisor, 0.0, LOADING_S * 1.1) == pytest.approx(LOADING_S, abs=0.1)
 
 
 def test_a_silence_while_the_hand_model_is_loading_is_no_failure() -> None:
     supervisor = Supervisor()
     assert not supervisor.must_restart(0.0, alive=True, reported=True, ready=False)
-    assert not supervisor.must_restart(LOADING_S * 0.9, alive=True, reported=False)
-    assert not supervisor.must_restart(LOADING_S, alive=True, reported=True, ready=True)
-    assert supervisor.must_restart(LOADING_S + SILENCE_S * 1.1, alive=True, reported=False)
+    assert restarted_s(supervisor, 0.0, LOADING_S * 0.9) is None
+    assert not supervisor.must_restart(LOADING_S * 0.9, alive=True, reported=True, ready=True)
+    after_s = restarted_s(supervisor, LOADING_S * 0.9, LOADING_S * 2)
+    assert after_s == pytest.approx(LOADING_S * 0.9 + SILENCE_S, abs=0.1)
 
 
 class SlowChild:
