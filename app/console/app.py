@@ -20,9 +20,11 @@ from textual.driver import Driver
 from textual.drivers.linux_driver import LinuxDriver
 from textual.screen import Screen
 from textual.timer import Timer
+from textual.widgets import Input, TextArea
 
 from app.console import keys
 from app.console.ending import Ending
+from app.console.given import INPUT, date_of, is_late
 from app.console.keys import commands
 from app.console.live import Clock, HostFactory, preload_modules
 from app.console.operator import Idle, since_boot_s
@@ -49,6 +51,7 @@ from logs.reason import reason
 from logs.records import ProcessEnd, SignOut
 from profiles.schema import Profile
 
+LATE_NOTICE_S = 5.0  # one notice at a time says that input came too late
 TICK_S = 0.05  # the console's beat; control calls it silent after 0.23 s
 REST_TICK_S = 0.2  # without a session: a list of patients that nobody touches costs next to nothing
 
@@ -93,6 +96,7 @@ class ConsoleApp(SessionFlow):
         self._ending = Ending(self._lose_console, self._ask_to_end, self._restore_terminal)
         self._idle = Idle(touched_s=since_boot_s(), limit_s=0.0 if read_only else config.idle_lock_s)
         self._stop_ns = 0  # the newest STOP that counted as a touch
+        self._late_notice_s = -LATE_NOTICE_S
         self._beat: Timer | None = None
         self._beat_s = 0.0
 
@@ -135,6 +139,8 @@ class ConsoleApp(SessionFlow):
         """STOP before any field may take the key for a letter; every key and click says that somebody is there."""
         if isinstance(event, events.Key) and self.switch.takes(event):
             return
+        if not self.admits(event):
+            return
         touch = isinstance(event, (events.Key, events.MouseDown))
         late = touch and not self._barred() and self._must_lock(self.live_state())
         if touch and not self._idle.is_over(since_boot_s()):
@@ -143,6 +149,36 @@ class ConsoleApp(SessionFlow):
             await super().on_event(event)
         if late:  # the key that wakes a computer commands nothing for the operator who was there before
             self._lock_idle()
+
+    def admits(self, event: events.Event) -> bool:
+        """Whether input may act; what is commanded from then on was given with it.
+
+        What waited too long beside a session is dropped with a notice; text for a field moves nothing: it stays.
+        """
+        if not isinstance(event, INPUT):
+            return True
+        if not (self.switch.live and is_late(event, time.monotonic_ns())):
+            self.given_ns = date_of(event)
+            return True
+        mouse = isinstance(event, (events.MouseDown, events.MouseUp))
+        if self._is_text(event) or (mouse and event.is_forwarded):
+            return True
+        if mouse:
+            self._mouse_down_widget = None  # neither this nor a later release makes a click of it
+        now_s = time.monotonic()
+        if now_s - self._late_notice_s >= LATE_NOTICE_S:
+            self._late_notice_s = now_s
+            self.notify(tr("input.late"), severity="warning", timeout=LATE_NOTICE_S)
+        return isinstance(event, events.MouseUp)  # what is dragged is let go
+
+    def _is_text(self, event: events.Event) -> bool:
+        """Whether a field takes it for text; a field has had what comes back from it."""
+        if event.is_forwarded or not isinstance(self.focused, (Input, TextArea)):
+            return False
+        if not isinstance(event, events.Key):
+            return isinstance(event, events.Paste)
+        everywhere = {key for one in keys.EVERYWHERE for key in keys.keys_of(str(one.id), self.config.keys)}
+        return event.is_printable and not everywhere & {event.key, event.character}
 
     def get_system_commands(self, screen: Screen[object]) -> Iterable[SystemCommand]:
         """Everything, for the command palette."""

@@ -143,8 +143,7 @@ def commands(app: ConsoleApp, screen: Screen[object]) -> Iterable[SystemCommand]
     if app.live is not None and not app.read_only:
         for action in Action:
             text = tr("palette.act", gesture=tr(GESTURE_OF[action]))
-            act = partial(app.live.host.send, OperatorKind.ACT, action)
-            yield SystemCommand(tr(action), text, act)
+            yield SystemCommand(tr(action), text, partial(app.command, OperatorKind.ACT, action))
     for theme in THEME_NAMES:
         yield SystemCommand(tr(f"theme.{theme}"), tr("palette.theme"), partial(setattr, app, "theme", theme))
     for sound in Sound:

@@ -239,8 +239,8 @@ class Host(Protocol):
     def leave(self) -> None:
         """Leave the session to itself."""
 
-    def send(self, kind: OperatorKind, action: Action | None = None) -> int:
-        """The operator's word to control; its sequence comes back in the snapshot."""
+    def send(self, kind: OperatorKind, action: Action | None = None, *, given_ns: int | None = None) -> int:
+        """The operator's word to control, given then; its sequence comes back in the snapshot."""
 
     def heartbeat(self) -> None:
         """STOP can be given."""

@@ -24,6 +24,7 @@ from app.console.session_index import Records, SessionRecord, TrainingRecord
 from app.console.state import SessionState
 from app.console.stop import StopSwitch
 from app.ipc.messages import OperatorKind, PerceptionCommand
+from app.ipc.states import Action
 from app.link.questions import require_joints
 from app.outcomes.guided import GuidedStop
 from app.session.host import END_S, START_S, make_setup
@@ -62,6 +63,7 @@ class SessionFlow(SignedInApp):
         self.kept: dict[str, Dialog[Any]] = {}
         self._lock: Dialog[Any] | None = None  # the newest; it may have been opened since
         self._beginning = asyncio.Lock()  # who waits for it finds the session that was begun meanwhile
+        self.given_ns: int | None = None  # when the input that is handled was given (monotonic); None: nobody dated it
         self._ending_held = False  # a training or an enrolment that was left held
 
     @property
@@ -83,7 +85,7 @@ class SessionFlow(SignedInApp):
             dialog = self.kept[name] = make()
             self.install_screen(dialog, name)
         if dialog not in self.screen_stack:
-            self.push_screen(dialog, then)
+            self.push_screen(dialog, then and dialog.answering(then))
 
     async def begin_signed_in(self, profile: Profile, config: Config) -> None:
         """Begin a session, after a sign-in where drives can move."""
@@ -189,7 +191,7 @@ class SessionFlow(SignedInApp):
             await self.close_session()
             return
         self.guided.stop(GuidedStop.SESSION_ENDED)
-        live.host.send(OperatorKind.SHUT_DOWN)
+        self.command(OperatorKind.SHUT_DOWN)
         self.notify(tr("end.resting"))
         self.run_worker(self._after_rest(live))
 
@@ -239,6 +241,11 @@ class SessionFlow(SignedInApp):
         if self.live is None:
             raise AppError(ConsoleFault.NO_SESSION)
         return self.live
+
+    def command(self, kind: OperatorKind, action: Action | None = None) -> None:
+        """Send an order of the operator's, as of the moment of its key; to none once the session has ended."""
+        if self.live is not None:
+            self.live.host.send(kind, action, given_ns=self.given_ns)
 
     def tell_perception(self, command: PerceptionCommand) -> None:
         """To the session's camera; to none once the session has ended: what its screens asked for may come later."""
@@ -332,6 +339,8 @@ class SessionFlow(SignedInApp):
         limit = loop.time() + CONTROL_ENDS_S
         while live.control_alive and loop.time() < limit:
             await asyncio.sleep(0.05)
+        if not live.closed:  # a console that stood still has its time over before it has read what came meanwhile
+            live.tick()
         if not live.control_alive:
             live.at_rest()
         if self.live is not live:

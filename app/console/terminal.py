@@ -31,6 +31,7 @@ from textual.drivers.linux_driver import LinuxDriver
 from textual.message import Message
 
 from app.console.charset import Substitutes, substitutes_for
+from app.console.given import date
 from app.console.pixels import QUESTION, Answers, PixelTerminal
 from app.console.stop import StopSwitch
 from app.system.scheduling import set_scheduling
@@ -168,14 +169,18 @@ def _reopen(fileno: int) -> tuple[int, bool]:
 
 
 class InputLoop(threading.Event):
-    """The driver's exit event, which its input thread asks at every turn: every 0.1 s without input."""
+    """The driver's exit event, which its input thread asks at every turn: every 0.1 s without input.
+
+    So it can tell since when what is read next has waited: a process that stood still reads it seconds late.
+    """
 
     def __init__(self, fileno: int, alive: Callable[[], object]) -> None:
         super().__init__()
         self._alive = alive
         self._poller = select.poll()
-        self._poller.register(fileno, 0)
+        self._poller.register(fileno, select.POLLIN)
         self.thread: int | None = None
+        self._turn_ns = self.given_ns = time.monotonic_ns()  # what is read in this turn was given since `given_ns`
 
     @property
     def asked(self) -> bool:
@@ -186,8 +191,11 @@ class InputLoop(threading.Event):
         """Whether to end: asked to, or the terminal has hung up."""
         if self.asked or threading.get_ident() != self.thread:
             return self.asked
-        if any(events & _CLOSED for _, events in self._poller.poll(0)):
+        before_ns, self._turn_ns = self._turn_ns, time.monotonic_ns()
+        found = [events for _, events in self._poller.poll(0)]
+        if any(events & _CLOSED for events in found):
             return True
+        self.given_ns = before_ns if found else self._turn_ns  # the turn before read all there was then
         self._alive()
         return False
 
@@ -249,6 +257,7 @@ class TerminalDriver(LinuxDriver):
         """STOP is taken here, in the input thread."""
         if isinstance(message, events.Resize) and believed(*message.size) != message.size:  # said by the terminal
             message = events.Resize.from_dimensions(believed(*message.size), message.pixel_size)
+        date(message, self._input_loop.given_ns)
         if not self._events.switch().takes(message):
             super().process_message(message)
 

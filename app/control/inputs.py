@@ -102,7 +102,7 @@ class ActionRequest:
     recognised_ns: int = 0
     released_ns: int = 0
     pressed_ns: int = 0  # capture of the frame in which the push that released it had pressed
-    requested_ns: int = 0  # when a key's request was sent
+    requested_ns: int = 0  # when the therapist's key was pressed
 
 
 class StreamState(Struct, frozen=True, kw_only=True):

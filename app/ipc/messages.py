@@ -132,7 +132,7 @@ class OperatorCommand(Struct, frozen=True, kw_only=True, tag="operator"):
     sequence: int
     lease: int = 1  # of the console that sends it; control hears the newest
     kind: OperatorKind
-    sent_ns: int
+    sent_ns: int  # when its key was pressed; of one without a key, when it was sent
     operator: str = ""
     action: Action | None = None  # with ACT
 

@@ -36,7 +36,7 @@ def ask_for_torque_off(app: ConsoleApp) -> None:
         app.notify(tr("torque_off.only_damped"), severity="warning")
         return
     text = "torque_off.text" if snapshot.enabled else "torque_off.off"  # even so: it opens a silent bus anew
-    ask(app, lambda: tr("torque_off.title"), lambda: tr(text), partial(_send, app, OperatorKind.TORQUE_OFF))
+    ask(app, lambda: tr("torque_off.title"), lambda: tr(text), partial(app.command, OperatorKind.TORQUE_OFF))
 
 
 def _waiting(app: ConsoleApp) -> list[ActiveEvent]:
@@ -51,9 +51,4 @@ def _acknowledge(app: ConsoleApp, shown: list[ActiveEvent]) -> None:
     if not known.issuperset(event.identity for event in _waiting(app)):
         ask_to_acknowledge(app)
     else:
-        _send(app, OperatorKind.ACKNOWLEDGE)
-
-
-def _send(app: ConsoleApp, kind: OperatorKind) -> None:
-    if app.live is not None:
-        app.live.host.send(kind)
+        app.command(OperatorKind.ACKNOWLEDGE)

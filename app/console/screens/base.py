@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
-from typing import TYPE_CHECKING, ClassVar, Generic, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar, cast
 
 from textual import events, on
 from textual.app import ComposeResult
@@ -47,6 +47,12 @@ class _Console(Screen[T], Generic[T]):
     def __init__(self) -> None:
         super().__init__()
         self._resumed = asyncio.Event()  # it has come to the top again
+        self._answered_ns: int | None = None  # when the input was given that dismissed it
+
+    async def on_event(self, event: events.Event) -> None:
+        """Keys of its own may have waited here, as others for the application."""
+        if not isinstance(event, events.Key) or self.console_app.admits(event):
+            await super().on_event(event)
 
     @on(events.Compose)
     def _reach_breakpoints(self) -> None:
@@ -123,7 +129,17 @@ class _Console(Screen[T], Generic[T]):
 
     def dismiss(self, result: T | None = None) -> AwaitComplete:
         """Close it while it is on top; Textual closes whatever is: the screen below, or the lock above."""
+        self._answered_ns = self.console_app.given_ns
         return super().dismiss(result) if self.is_active else AwaitComplete()
+
+    def answering(self, then: Callable[[T | None], Any]) -> Callable[[T | None], Any]:
+        """What is called with the answer, though later: what it commands was given with the answer."""
+
+        def answer(result: T | None) -> Any:
+            self.console_app.given_ns = self._answered_ns
+            return then(result)
+
+        return answer
 
     def keep(self) -> bool:
         """Keep what would be lost if the program ended now; False: it can't, or nobody knows whether it should."""

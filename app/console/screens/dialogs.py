@@ -62,7 +62,8 @@ class Question(Dialog[bool]):
 
 def ask(app: App[None], title: Wording, text: Wording, then: Callable[[], Any]) -> None:
     """Ask, and go on after a yes."""
-    app.push_screen(Question(title, text), lambda yes: then() if yes else None)
+    question = Question(title, text)
+    app.push_screen(question, question.answering(lambda yes: then() if yes else None))
 
 
 class HealthPage(Dialog[None]):

@@ -123,14 +123,14 @@ class SessionScreen(HandKeys):
     def action_confirm_patient(self) -> None:
         """The patient before the camera is the one of the profile."""
         profile = self.console_app.live_setup().profile
-        confirm = partial(self._send, OperatorKind.CONFIRM_PATIENT)
+        confirm = partial(self.console_app.command, OperatorKind.CONFIRM_PATIENT)
         ask(self.app, lambda: tr("confirm.title"), lambda: identity(profile), confirm)
 
     def action_toggle_armed(self) -> None:
         """Arm or disarm gestures."""
         state = self.console_app.live_state()
         armed = state is not None and state.snapshot is not None and state.snapshot.armed
-        self._send(OperatorKind.DISARM if armed else OperatorKind.ARM)
+        self.console_app.command(OperatorKind.DISARM if armed else OperatorKind.ARM)
 
     def action_act(self) -> None:
         """One of the twelve actions, by the therapist's key."""
@@ -192,10 +192,6 @@ class SessionScreen(HandKeys):
         """End the session, after asking while drives are powered."""
         await self.console_app.end_session_asking()
 
-    def _send(self, kind: OperatorKind, action: Action | None = None) -> None:
-        if self.console_app.live is not None:
-            self.console_app.live.host.send(kind, action)
-
     def _show_guided(self) -> None:
         app = self.console_app
         panel, run = self.query_one("#guided", Panel), app.guided.run
@@ -228,4 +224,4 @@ class SessionScreen(HandKeys):
 
     def _chosen(self, action: Action | None) -> None:
         if action is not None:
-            self._send(OperatorKind.ACT, action)
+            self.console_app.command(OperatorKind.ACT, action)

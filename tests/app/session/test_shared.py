@@ -16,10 +16,10 @@ import msgspec
 import pytest
 from msgspec.structs import replace
 
-from app.ipc.links import Publisher, address, new_link_directory
-from app.ipc.messages import ControlSnapshot, OperatorKind, ProcessStatus, SessionStatus
+from app.ipc.links import OrderedReceiver, Publisher, address, new_link_directory
+from app.ipc.messages import ControlSnapshot, OperatorCommand, OperatorKind, ProcessStatus, SessionStatus
 from app.ipc.states import Effect
-from app.ipc.streams import SESSION, SNAPSHOT, LinkDirectory
+from app.ipc.streams import OPERATOR, SESSION, SNAPSHOT, LinkDirectory
 from app.session.host import SessionHost, make_setup
 from app.session.shared import Peer, current_lease, held_session, share, shared, start_of, take_lease, unshare
 from app.system.config import Config, SessionSetup
@@ -127,6 +127,21 @@ def test_a_stop_from_before_the_takeover_is_acknowledged_after_it(tmp_path: Path
             first = waits_after(control, replace(acted_on, sequence=2, stop_sequence=0), console)
             assert 0 < first < waits_after(control, acted_on, console)
     shutil.rmtree(made.links.path)
+
+
+def test_a_command_counts_from_its_key_and_without_one_from_now(tmp_path: Path) -> None:
+    setup = make_setup(Home(tmp_path), Config(), DEMO_PATIENT, None)
+    with closing(OrderedReceiver(address(setup.links, OPERATOR.name), OperatorCommand)) as control:
+        with console_of(setup) as console:
+            before_ns = time.monotonic_ns()
+            console.send(OperatorKind.ACKNOWLEDGE, given_ns=before_ns - 7)
+            console.send(OperatorKind.ARM)
+            acknowledged, armed = (control.receive(30.0) for _ in range(2))
+        assert acknowledged is not None
+        assert acknowledged.sent_ns == before_ns - 7
+        assert armed is not None
+        assert before_ns <= armed.sent_ns <= time.monotonic_ns()
+    shutil.rmtree(setup.links.path)
 
 
 @contextmanager
