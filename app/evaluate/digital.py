@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import math
-import multiprocessing
-import os
-import signal
-import threading
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from contextlib import contextmanager
@@ -310,21 +306,11 @@ def iterate_pool(
 
 
 def _begin(model: Path) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the pool by its parent, after the work under way
-    threading.Thread(target=_end_with_parent, daemon=True).start()
     cv2.setNumThreads(1)
     detector = live_detector(model)
     # MediaPipe can't free its model any more once the interpreter winds up its threads.
     Finalize(None, detector.close, exitpriority=1)
     _detector.append(PoolDetector(detector))
-
-
-def _end_with_parent() -> None:
-    """A parent that was killed ends no pool: its processes would wait for work for ever."""
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        parent.join()
-        os._exit(1)
 
 
 def _do(work: Work[Piece, Result], piece: Piece) -> Result:

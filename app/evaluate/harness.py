@@ -7,11 +7,14 @@ import math
 import multiprocessing
 import os
 import re
+import signal
+import threading
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from enum import Enum, auto
+from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, TypeVar
@@ -204,18 +207,35 @@ def writing(path: Path) -> Iterator[None]:
 
 
 @contextmanager
-def process_pool(count: int, **options: Any) -> Iterator[ProcessPoolExecutor]:
-    """Processes, spawned; on leaving early, work not begun is dropped. Raises AppError when one of them ends.
+def process_pool(
+    count: int, initializer: Callable[..., object], initargs: tuple[object, ...] = ()
+) -> Iterator[ProcessPoolExecutor]:
+    """Processes, spawned, that end with this one; on leaving early, work not begun is dropped.
 
-    options: of ProcessPoolExecutor, such as what each process begins with.
+    initializer: what each begins with. Raises AppError when one of them ends.
     """
-    pool = ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn"), **options)
+    begin = partial(_begin, initializer, *initargs)
+    pool = ProcessPoolExecutor(count, mp_context=multiprocessing.get_context("spawn"), initializer=begin)
     try:
         yield pool
     except BrokenProcessPool as error:
         raise AppError(EvaluateFault.WORKER_ENDED) from error
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def _begin(initializer: Callable[..., object], *initargs: object) -> None:
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C ends the pool by its parent, after the work under way
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    initializer(*initargs)
+
+
+def _end_with_parent() -> None:
+    """A parent that was killed ends no pool: its processes would wait for work for ever."""
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
 
 
 @contextmanager

@@ -63,11 +63,15 @@ class LabelledImage:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DetectedImage:
-    """A labelled image and the hands found in its views, the plain view's first; `error` where it can't be read."""
+    """A labelled image and the hands found in its views, the plain view's first; `error` where it can't be read.
+
+    contents: SHA-256 of its file; empty where there was none, or it is not known.
+    """
 
     image: LabelledImage
     hands: tuple[Hand, ...]
     error: Reason | None = None
+    contents: str = ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

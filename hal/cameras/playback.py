@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import struct
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from logs.reading.regular import MAX_IMAGE, read_bytes
 MAX_PIXELS = 100_000_000  # of an image: 300 MB decoded; a file of a megabyte can claim a thousand times as many
 Image.MAX_IMAGE_PIXELS = None  # Pillow's own limit warns; here it only reads headers
 NS_PER_MS = 1_000_000
+PNG_HEADER = b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR"  # the first chunk's name included: the size follows (W3C PNG, 11.2.1)
 IMAGE_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".webp", ".tif", ".tiff"})
 
 
@@ -218,6 +220,9 @@ def decode_image(path: Path, flags: int) -> NDArray[Any] | None:
 
 def pixels_of(data: bytes) -> int:
     """Width times height as an image's header claims them. Raises OSError when it is no image."""
+    if data.startswith(PNG_HEADER):  # Pillow reads on to the pixels, and refuses text or a colour profile above 1 MB
+        width, height = struct.unpack_from(">II", data.ljust(len(PNG_HEADER) + 8, b"\0"), len(PNG_HEADER))
+        return int(width * height)
     with Image.open(BytesIO(data), formats=("BMP", "JPEG", "PNG", "TIFF", "WEBP")) as image:
         return image.width * image.height
 

@@ -7,6 +7,7 @@ import sys
 import time
 from pathlib import Path
 from subprocess import DEVNULL, PIPE, Popen
+from typing import Any
 
 import psutil
 import pytest
@@ -51,8 +52,8 @@ def test_a_file_that_is_no_model_is_refused_before_any_process_begins(
     assert not capfd.readouterr().err
 
 
-@pytest.mark.parametrize("options", [{}, {"initializer": os._exit, "initargs": (1,)}], ids=["at work", "at once"])
-def test_a_process_that_ends_is_named_in_one_sentence(options: dict[str, object]) -> None:
-    with pytest.raises(AppError) as refused, process_pool(1, **options) as pool:
+@pytest.mark.parametrize("begin", [(os.getpid,), (os._exit, (1,))], ids=["at work", "at once"])
+def test_a_process_that_ends_is_named_in_one_sentence(begin: Any) -> None:
+    with pytest.raises(AppError) as refused, process_pool(1, *begin) as pool:
         pool.submit(os._exit, 1).result()
     assert refused.value.code is EvaluateFault.WORKER_ENDED

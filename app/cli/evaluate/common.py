@@ -46,7 +46,10 @@ def check_keypoints(context: Context, path: Path | None) -> Path | None:
 
 Keypoints = Annotated[
     Path | None,
-    typer.Option(callback=check_keypoints, help="Keep the keypoints in this npz, and use it when it is there."),
+    typer.Option(
+        callback=check_keypoints,
+        help="Keep the keypoints in this npz, and detect only photos that it lacks or that differ now.",
+    ),
 ]
 Directory = Annotated[Path | None, typer.Argument(help="Folder with labels.csv and images.")]
 

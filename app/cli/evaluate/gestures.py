@@ -15,6 +15,7 @@ from app.cli.common import (
     Json,
     check_figure,
     check_output_folder,
+    check_replaced,
     refuse_options,
     show,
     shown_after,
@@ -40,7 +41,7 @@ from kgdfa.published import PublishedRules
 from kgdfa.robust import RobustRules
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Generator, Iterator
 
     from app.evaluate.digital import LabelledScene
     from app.evaluate.gestures.joint_space import Errors
@@ -278,7 +279,7 @@ def video(
     for rules in rule_sets:
         with progress("rules", len(footage.labels), rules=rules.name) as step:
             reports = run_sequence(footage, hand_model(home), rules, step)
-        figures[rules.name] = measure_sequence(footage.labels, *verdicts_and_votes(reports))
+        figures[rules.name] = measure_sequence(footage.labels, *verdicts_and_votes(reports), footage.period_ns)
     unreadable = [path for path, report in zip(footage.paths, reports, strict=False) if report is None]
     counts = {"frames": len(footage.labels), "claimed_frames": footage.claimed_frames}
     with shown_after(sequence_shown(where, figures, unreadable, footage.claimed_frames)):
@@ -357,16 +358,48 @@ def side(
 def detected_images(
     directory: Path, keypoints: Path | None, home: Path | None, prepare: str = UNPREPARED
 ) -> list[DetectedImage]:
-    """The hands in a folder's images, detected now or read from the keypoint file. prepare: of PREPARATIONS."""
-    from app.evaluate.gestures.images import detect_images
+    """The hands in a folder's images: those that the keypoint file does not hold as they are now are detected.
+
+    An interrupted detection keeps what it has, and the next one completes it. prepare: of PREPARATIONS. Raises AppError
+    where no image can be read.
+    """
+    from app.evaluate.gestures.images import load_hands, save_hands, to_detect, unseen_image
 
     preparation, images = find_preparation(prepare), read_labels(directory)
+    kept = load_hands(keypoints, images, prepare) if keypoints is not None and keypoints.exists() else None
+    detected = [*map(unseen_image, images)] if kept is None else kept
+    numbers = to_detect(detected, directory)
+    if keypoints is not None and any(not (detected[k].error and detected[k].contents) for k in numbers):
+        check_replaced(keypoints)  # before the work; what could not be read then will probably leave the file as it is
+    found, changed = _found([images[k] for k in numbers], directory, home, preparation), 0
+    try:
+        for number, one in zip(numbers, found, strict=True):
+            before, detected[number] = detected[number], one
+            changed += (one.error, one.contents) != (before.error, before.contents)
+    except KeyboardInterrupt:
+        found.close()  # what is under way ends, the others are not begun
+        if keypoints is not None and changed:
+            save_hands(detected, keypoints, prepare)
+            show(tr("evaluate.keypoints.kept", file=keypoints, done=changed, total=len(numbers)))
+        raise
+    if all(one.error for one in detected):
+        raise AppError(EvaluateFault.IMAGE_UNREADABLE, file=images[0].path)
+    if keypoints is not None and (changed or kept is None):
+        save_hands(detected, keypoints, prepare)
+    return detected
 
-    def detect() -> list[DetectedImage]:
+
+def _found(
+    images: list[LabelledImage], directory: Path, home: Path | None, preparation: Prepare
+) -> Generator[DetectedImage, None, None]:
+    """The hands in these images, with a bar; without images no model is needed."""
+    from app.evaluate.gestures.images import detect_images
+
+    if images:
         with progress("detecting", len(images)) as step:
-            return detect_images(images, directory, hand_model(home), step, preparation)
-
-    return _kept(keypoints, images, detect, prepare)
+            for one in detect_images(images, directory, hand_model(home), preparation):
+                yield one
+                step()
 
 
 def fitted_beside(directory: Path, keypoints: Path | None, home: Path | None) -> list[DetectedImage]:
@@ -378,28 +411,17 @@ def fitted_beside(directory: Path, keypoints: Path | None, home: Path | None) ->
 def fitted_digital(home: Path | None, *keypoints: Path | None) -> list[DetectedImage]:
     """The digital hands that every fit gets, kept beside the first of these keypoint files that has them, or could."""
     from app.evaluate.digital import FIT_SEEDS, digital_scenes
+    from app.evaluate.gestures.images import load_hands, save_hands
     from app.evaluate.gestures.synthetic import near_scenes
 
     scenes = [*digital_scenes(FIT_DIGITAL, FIT_SEEDS), *near_scenes()]
     files = [file.with_stem(file.stem + "-digital") for file in keypoints if file]
     file = next((file for file in files if file.exists()), files[0] if files else None)
-    return _kept(file, [labelled for labelled, _, _ in scenes], lambda: detected_scenes(scenes, home))
-
-
-def _kept(
-    file: Path | None,
-    images: list[LabelledImage],
-    detect: Callable[[], list[DetectedImage]],
-    prepare: str = UNPREPARED,
-) -> list[DetectedImage]:
-    """Read from the file where it is there; else detected now, and kept in it."""
-    from app.evaluate.gestures.images import load_hands, save_hands
-
     if file is not None and file.exists():
-        return load_hands(file, images, prepare)
-    detected = detect()
+        return load_hands(file, [labelled for labelled, _, _ in scenes])
+    detected = detected_scenes(scenes, home)
     if file is not None:
-        save_hands(detected, file, prepare)
+        save_hands(detected, file)
     return detected
 
 

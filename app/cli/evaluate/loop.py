@@ -129,7 +129,7 @@ def paper(
 ) -> None:
     """Tables 3 to 7 beside the paper's figures on one HTML page; an interrupted run goes on where it ended."""
     from app.evaluate.loop.speed import open_detectors
-    from app.evaluate.paper.make import jobs, make
+    from app.evaluate.paper.make import jobs, made_before, make, run_file
     from app.evaluate.paper.page import write_page
 
     require_extra("evaluate", "matplotlib", "jinja2", "onnx", "onnxruntime", "tflite")
@@ -140,8 +140,11 @@ def paper(
         out.mkdir(parents=True, exist_ok=True)
     try:
         for job in jobs(data, attempts=attempts, hands=seeds, changes=changes, onnx=onnx or []):
-            show(tr("evaluate.paper.making", table=job.table, command=job.command))
-            make(job, out, options)
+            if (run := made_before(job, out)) is None:
+                show(tr("evaluate.paper.making", table=job.table, command=job.command))
+                make(job, out, options)
+            else:
+                show(tr("evaluate.paper.kept", table=job.table, date=run.date, file=run_file(out, job.table)))
     except KeyboardInterrupt:
         show(tr("evaluate.paper.interrupted", page=write_page(out)))
         raise typer.Exit(130) from None

@@ -5,9 +5,10 @@ from __future__ import annotations
 import io
 import os
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from app.evaluate.gestures.measures import Classified
-from app.evaluate.harness import EvaluateFault, Step, write_whole
+from app.evaluate.harness import EvaluateFault, write_whole
 from app.evaluate.readings import (
     GESTURE_NAMES,
     NO_MEMORY,
@@ -36,16 +37,44 @@ from kgdfa.published import PublishedRules
 from kgdfa.robust import RobustRules
 from logs.reading.arrays import check_finite, read_arrays
 from logs.reading.errors import cause_of
+from logs.reading.regular import MAX_IMAGE, read_bytes
 from logs.reason import Reason, reason, reason_of
 
 
-def detect_images(
-    images: Sequence[LabelledImage], directory: Path, model: Path, step: Step, prepare: Prepare = as_bgr8
-) -> list[DetectedImage]:
-    """The hands in every view of every image, in order; `step` is called after each. Each thread has its detectors.
+def unseen_image(labelled: LabelledImage) -> DetectedImage:
+    """One that was not detected yet: in a keypoint file it is the same as one that was missing."""
+    return DetectedImage(image=labelled, hands=(), error=unreadable_image(labelled))
 
-    Raises AppError where no image can be read.
+
+def contents_of(file: Path) -> str:
+    """SHA-256 of a photo's file; empty where none can be read. Its time would change with every copy."""
+    try:
+        return sha256(read_bytes(file, MAX_IMAGE)).hexdigest()
+    except OSError:
+        return ""
+
+
+def to_detect(kept: Sequence[DetectedImage], directory: Path) -> list[int]:
+    """Which of these images to detect: files that are there, and had an error or other contents when they were kept.
+
+    Of those that are not there the kept keypoints count: photos may stay with the people they show. Older keypoint
+    files know no contents.
     """
+
+    def is_outdated(one: DetectedImage) -> bool:
+        file = directory / one.image.path
+        if one.error:
+            return os.path.isfile(file)  # noqa: PTH113  # False too for a name that no file system takes
+        return bool(one.contents) and contents_of(file) not in ("", one.contents)
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return [number for number, outdated in enumerate(pool.map(is_outdated, kept)) if outdated]
+
+
+def detect_images(
+    images: Sequence[LabelledImage], directory: Path, model: Path, prepare: Prepare = as_bgr8
+) -> Iterator[DetectedImage]:
+    """The hands in every view of every image, in order. Each thread has its detectors."""
     from kgdfa.keypoints import HandDetector
 
     own, closing = threading.local(), ExitStack()  # MediaPipe's detectors can't be left to the interpreter's end
@@ -60,25 +89,21 @@ def detect_images(
         return pair
 
     def detect(labelled: LabelledImage) -> DetectedImage:
+        contents = contents_of(directory / labelled.path)  # before it is read: one replaced now differs the next time
         image = read_image(labelled, directory)
         if isinstance(image, Reason):
-            return DetectedImage(image=labelled, hands=(), error=image)
+            return DetectedImage(image=labelled, hands=(), error=image, contents=contents)
         plain, sensitive = detectors()
         try:
-            return DetectedImage(image=labelled, hands=detect_photo(plain, sensitive, prepare(image)))
-        except KgdfaError as error:
-            return DetectedImage(image=labelled, hands=(), error=reason_of(error))
+            hands, error = detect_photo(plain, sensitive, prepare(image)), None
+        except KgdfaError as failed:
+            hands, error = (), reason_of(failed)
         except NO_MEMORY:
-            return DetectedImage(image=labelled, hands=(), error=unreadable_image(labelled))
+            hands, error = (), unreadable_image(labelled)
+        return DetectedImage(image=labelled, hands=hands, error=error, contents=contents)
 
-    detected = []
     with closing, ThreadPoolExecutor(os.cpu_count()) as pool:
-        for one in pool.map(detect, images):
-            detected.append(one)
-            step()
-    if detected and all(one.error for one in detected):
-        raise AppError(EvaluateFault.IMAGE_UNREADABLE, file=images[0].path)
-    return detected
+        yield from pool.map(detect, images)
 
 
 def save_hands(detected: Sequence[DetectedImage], path: Path, prepare: str = UNPREPARED) -> None:
@@ -92,6 +117,7 @@ def save_hands(detected: Sequence[DetectedImage], path: Path, prepare: str = UNP
         content,
         prepare=np.array([prepare]),
         images=np.array([[*msgspec.to_builtins(one.image).values(), _encoded(one.error)] for one in detected]),
+        contents=np.array([one.contents for one in detected], dtype=np.str_),
         owner=np.array([number for number, _ in hands], dtype=np.int64),
         image_px=np.array([hand.image_px for _, hand in hands], dtype=np.float32).reshape(-1, 21, 2),
         world_m=np.array([hand.world_m for _, hand in hands], dtype=np.float32).reshape(-1, 21, 3),
@@ -129,6 +155,7 @@ def _stored_images(file: dict[str, NDArray[Any]]) -> list[DetectedImage]:
         raise ValueError("keypoints of another shape")
     check_finite({name: file[name] for name in ("image_px", "world_m", "presence")})
     listed = file["images"] if "images" in file else file["photos"]  # their name in files of 0.1
+    contents = file.get("contents", np.full(len(listed), ""))  # older files have none
     hands: list[list[Hand]] = [[] for _ in listed]
     rows = zip(file["owner"], file["image_px"], file["world_m"], file["presence"], file["side"], strict=True)
     for owner, image_px, world_m, presence, side in rows:
@@ -145,8 +172,9 @@ def _stored_images(file: dict[str, NDArray[Any]]) -> list[DetectedImage]:
             image=LabelledImage(path=str(path), label=str(label), source=str(source), group=str(group)),
             hands=tuple(own),
             error=_decoded(str(error), str(path)),
+            contents=str(content),
         )
-        for (path, label, source, group, error), own in zip(listed, hands, strict=True)
+        for (path, label, source, group, error), own, content in zip(listed, hands, contents, strict=True)
     ]
 
 

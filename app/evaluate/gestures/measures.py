@@ -18,10 +18,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from app.evaluate.harness import EvaluateFault, Step, mean, require_extra
+from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, mean, require_extra
 from app.evaluate.readings import GESTURE_NAMES, NO_HAND, SKIP, Footage, LabelledImage
 from app.system.errors import AppError
 from kgdfa.button import ButtonPlace
+from kgdfa.frame_time import have_lasted
 from kgdfa.gesture import END_FRAMES, VOTE_FRAMES, RuleSet, Verdict
 from kgdfa.hand import FloatArray
 from kgdfa.pipeline import Pipeline, PipelineInput, Report
@@ -93,7 +94,7 @@ class Figures:
     wrong_gesture: float | None  # share of the gestures' images taken for another gesture
     per_gesture: dict[str, GestureFigures]
     per_kind: dict[str, tuple[float | None, int]]  # of undefined, readable: share accepted, and how many there are
-    per_source: dict[str, SourceFigures]
+    per_source: dict[str, SourceFigures]  # "": of images whose source is left empty
     confusion: NDArray[np.int64]
 
 
@@ -161,7 +162,7 @@ def _accepted(some: list[Classified]) -> float | None:
 def _grouped(classified: Iterable[Classified], attribute: str) -> dict[str, list[Classified]]:
     groups: dict[str, list[Classified]] = defaultdict(list)
     for one in classified:
-        groups[getattr(one.image, attribute) or "unnamed"].append(one)
+        groups[getattr(one.image, attribute)].append(one)
     return dict(sorted(groups.items()))
 
 
@@ -178,6 +179,7 @@ class SequenceFigures:
     recognised: int  # of those, how many were voted at all
     broken: int  # recognised, and lost again before the stretch ended
     delay_frames: float | None  # mean, from a stretch's first frame to its vote
+    delay_ms: float | None  # the same: a faster camera's vote takes more frames
     false_onsets: int  # votes for what neither this stretch nor its neighbours show
 
 
@@ -208,17 +210,21 @@ def run_sequence(footage: Footage, model: Path, rules: RuleSet, step: Step = lam
     return reports
 
 
-def measure_sequence(labels: Sequence[str], raw: Sequence[str | None], voted: Sequence[str]) -> SequenceFigures:
+def measure_sequence(
+    labels: Sequence[str], raw: Sequence[str | None], voted: Sequence[str], period_ns: int = FRAME_NS
+) -> SequenceFigures:
     """Figures from labels (a gesture, none:<what> or skip), single verdicts and votes, one each a frame.
 
+    period_ns: of a frame. As in the vote, what is counted in frames lasts as long as so many at 30 Hz.
     A frame that can't be read (verdict None) counts in no share where no gesture is shown: nothing was refused.
     """
     truth = [label if label in GESTURE_NAMES else SKIP if label == SKIP else NONE for label in labels]
     counted = [k for k, label in enumerate(truth) if label in GESTURE_NAMES or (label == NONE and raw[k] is not None)]
     stretches = _stretches(truth)
-    long = [one for one in stretches if one[0] in GESTURE_NAMES and one[2] - one[1] > VOTE_FRAMES]
+    long = [one for one in stretches if one[0] in GESTURE_NAMES and _can_be_voted(one[2] - one[1], period_ns)]
     first = [next((k for k in range(start, stop) if voted[k] == name), None) for name, start, stop in long]
     recognised = [(one, k) for one, k in zip(long, first, strict=True) if k is not None]
+    delay_frames = mean(at - start for (_, start, _), at in recognised)
     return SequenceFigures(
         frames=len(labels),
         frame_accuracy=mean(raw[k] == truth[k] for k in counted),
@@ -226,9 +232,15 @@ def measure_sequence(labels: Sequence[str], raw: Sequence[str | None], voted: Se
         shown=len(long),
         recognised=len(recognised),
         broken=sum(any(voted[k] != name for k in range(at, stop)) for (name, _, stop), at in recognised),
-        delay_frames=mean(at - start for (_, start, _), at in recognised),
-        false_onsets=_false_onsets(truth, voted),
+        delay_frames=delay_frames,
+        delay_ms=None if delay_frames is None else delay_frames * period_ns / 1e6,
+        false_onsets=_false_onsets(truth, voted, period_ns),
     )
+
+
+def _can_be_voted(frames: int, period_ns: int) -> bool:
+    """One frame more than a vote needs, at 30 Hz."""
+    return have_lasted(frames, VOTE_FRAMES + 1, frames * period_ns)
 
 
 def _stretches(truth: Sequence[str]) -> list[tuple[str, int, int]]:
@@ -241,9 +253,10 @@ def _stretches(truth: Sequence[str]) -> list[tuple[str, int, int]]:
     return stretches
 
 
-def _false_onsets(truth: Sequence[str], voted: Sequence[str]) -> int:
+def _false_onsets(truth: Sequence[str], voted: Sequence[str], period_ns: int) -> int:
     """Votes that begin where that gesture is not shown, nor just was, nor is about to be."""
-    count, reach = 0, END_FRAMES + VOTE_FRAMES
+    frames = END_FRAMES + VOTE_FRAMES
+    count, reach = 0, max(frames, round(frames * FRAME_NS / period_ns))
     for k, name in enumerate(voted):
         begins = name != NONE and (k == 0 or voted[k - 1] != name)
         around = set(truth[max(0, k - reach) : k + reach + 1])

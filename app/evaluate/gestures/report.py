@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -53,8 +54,10 @@ PAPER_TABLE_3: dict[str, tuple[float, float, float, float, float]] = {
 PAPER_MAP = 95.67  # Table 4
 # Their mean is a tie at four places, 0.89535: only an exact sum shows the same on every Python.
 PAPER_MACRO_F1 = math.fsum(row[3] for row in PAPER_TABLE_3.values()) / len(PAPER_TABLE_3)
+UNNAMED = "unnamed"
 HEADER_OFF_FRAMES = 2  # a video's header estimates how many frames follow
 LARGEST_SIDE_PX = 640  # of an image in the errors folder
+NAME_BYTES = 80  # of a label and of a path in its name: of 255, what file systems take, with a temporary name's share
 
 
 def shown(name: str, figures: Figures, images: int) -> Iterator[Table | str]:
@@ -72,8 +75,9 @@ def shown(name: str, figures: Figures, images: int) -> Iterator[Table | str]:
         images=images,
     )
     yield table("gestures.undefined", "kind accepted n", _kinds(figures), left=0, rules=name)
+    unnamed = tr("evaluate.gestures.unnamed")
     sources = [
-        (source, row.n, *map(percent, (row.detected, row.right, row.accepted_undefined)))
+        (source or unnamed, row.n, *map(percent, (row.detected, row.right, row.accepted_undefined)))
         for source, row in figures.per_source.items()
     ]
     columns = "source n hand_found gestures_right undefined_accepted"
@@ -201,9 +205,14 @@ def _figures_json(figures: Figures) -> dict[str, Any]:
         "wrong_gesture": figures.wrong_gesture,
         "per_gesture": msgspec.to_builtins(figures.per_gesture),
         "per_kind": _kinds_json(figures),
-        "per_source": msgspec.to_builtins(figures.per_source),
+        "per_source": msgspec.to_builtins({_key(source, figures): one for source, one in figures.per_source.items()}),
         "confusion": {"classes": CLASSES, "counts": figures.confusion.tolist()},
     }
+
+
+def _key(source: str, figures: Figures) -> str:
+    """A source's in the JSON: a name for the empty one, unless a source has it."""
+    return source if source or UNNAMED in figures.per_source else UNNAMED
 
 
 def _kinds_json(figures: Figures) -> dict[str, Any]:
@@ -232,18 +241,28 @@ def plot_confusion(figures: Mapping[str, Figures], path: Path) -> None:
 def write_errors(
     classified: Sequence[Classified], detected: Sequence[DetectedImage], directory: Path, errors: Path
 ) -> int:
-    """The misclassified images with skeleton, hulls and explanation, one file each; how many there are."""
-    wrong = [pair for pair in zip(classified, detected, strict=True) if pair[0].predicted != pair[0].truth]
+    """The misclassified images with skeleton, hulls and explanation, one file each; how many there are.
+
+    A file's name begins with the image's row in labels.csv, the first being 1.
+    """
+    rows = enumerate(zip(classified, detected, strict=True), start=1)
+    wrong = [(row, one, found) for row, (one, found) in rows if one.predicted != one.truth]
     with writing(errors):
         errors.mkdir(parents=True, exist_ok=True)
-    for one, found in wrong:
+    for row, one, found in wrong:
         image = decode_image(directory / one.image.path, UPRIGHT)
         if image is not None:
-            name = f"{one.image.label.replace(':', '-')}_as_{one.predicted}_{one.image.path}.png"
+            stem = one.image.path.removesuffix(Path(one.image.path).suffix)
+            name = f"{row:05}_{_tail(one.image.label)}_as_{one.predicted}_{_tail(stem)}.png"
             with in_english():
                 _, encoded = cv2.imencode(".png", _explained(image, one, found))
-            write_whole(errors / name.replace("/", "-"), encoded.tobytes())
+            write_whole(errors / name, encoded.tobytes())
     return len(wrong)
+
+
+def _tail(text: str) -> str:
+    """The end of it, as a part of a file's name."""
+    return re.sub("[/:]", "-", text.encode()[-NAME_BYTES:].decode(errors="ignore"))
 
 
 def _explained(image: NDArray[Any], classified: Classified, detected: DetectedImage) -> Image:

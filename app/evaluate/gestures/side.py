@@ -124,9 +124,13 @@ def measure_looks(detected: Iterable[DetectedImage]) -> SideFigures:
     """From stored keypoints: one look at each photo, and the one at its mirror image where every look is stored."""
     rules, figures = RobustRules(), SideFigures()
     for one in detected:
-        if one.error and one.image.gesture is not None:
+        if one.image.gesture is None:
+            continue
+        if one.error:
             figures.unreadable[one.image.path] = one.error
-        if one.hands and one.image.gesture is not None:
+        elif not one.hands:
+            _add_pair(figures, one.image, [], [])
+        else:
             # Of fewer looks nobody knows which is which.
             mirrored = one.hands[MIRRORED_LOOK] if len(one.hands) == len(AUGMENTATIONS) else None
             looks = ([hand.side] if hand and rules.classify(hand).gesture else [] for hand in (one.hands[0], mirrored))

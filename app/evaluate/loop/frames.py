@@ -1,18 +1,20 @@
 """The frames that speed is measured over, decoded beforehand into a file that every process maps.
 
-300 frames of 1280×720 are 0.8 GB: each process with a copy of its own would take that once more.
+300 frames of 1280×720 are 0.8 GB: each process with a copy of its own would take that once more. The file has no name
+in a folder, so that however this process ends none is left; others open it by this process's descriptor.
 """
 
 from __future__ import annotations
 
 import math
 import mmap
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import accumulate
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryFile, gettempdir
 
 import cv2
 import numpy as np
@@ -50,12 +52,17 @@ def frames_for_speed(directory: Path | None, count: int) -> Iterator[SpeedFrames
     """
     shapes, unreadable = list[tuple[int, ...]](), list[Path]()
     focal_px, images = _digital(count) if directory is None else _recorded(directory, count, unreadable)
-    with TemporaryDirectory(prefix="rleex-speed-") as folder:
-        path = Path(folder, "frames")
-        with writing(path), path.open("wb") as file:
+    folder = Path(gettempdir())
+    with writing(folder):
+        opened = TemporaryFile(dir=folder, buffering=0)  # noqa: SIM115  # what a full disk refuses is not tried again
+    with opened as file:
+        with writing(folder):
             for image in images:
                 shapes.append(image.shape)
-                file.write(np.ascontiguousarray(image).data)
+                rest = np.ascontiguousarray(image).data.cast("B")
+                while rest:
+                    rest = rest[file.write(rest) :]
+        path = Path(f"/proc/{os.getpid()}/fd/{file.fileno()}")
         if not shapes:
             raise AppError(EvaluateFault.IMAGE_UNREADABLE, file=unreadable[0])
         yield SpeedFrames(file=path, shapes=tuple(shapes), focal_px=focal_px, unreadable=tuple(unreadable))

@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from threading import Barrier, BrokenBarrierError
+from threading import BrokenBarrierError
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, TypeVar
 
@@ -39,6 +39,8 @@ from kgdfa.robust import RobustRules
 from kgdfa.robust_distance import RobustRange
 
 if TYPE_CHECKING:
+    from multiprocessing.synchronize import Barrier
+
     from kgdfa.keypoints import HandDetector
 
 Result = TypeVar("Result")
@@ -221,16 +223,28 @@ def worker_counts(workers: int | None) -> list[int]:
 
 def measure_throughput(frames: SpeedFrames, model: Path, workers: int) -> Throughput:
     """`workers` processes at once, each over all the frames. Raises AppError when one can't begin, or ends."""
-    with multiprocessing.get_context("spawn").Manager() as manager, process_pool(workers) as pool:
-        barrier = manager.Barrier(workers)
-        futures = [pool.submit(_run, frames, model, barrier) for _ in range(workers)]
-        runs = [future.result() for future in futures]
+    barrier = multiprocessing.get_context("spawn").Barrier(workers)
+    with process_pool(workers, _share, (barrier,)) as pool:
+        futures = [pool.submit(_run, frames, model) for _ in range(workers)]
+        try:
+            runs = [future.result() for future in futures]
+        except BaseException:
+            for process in multiprocessing.active_children():  # what they measure is of no more use
+                process.terminate()
+            raise
     processed = sum(observed for observed, _, _ in runs)
     spent_s = max(end for _, _, end in runs) - min(start for _, start, _ in runs)
     return Throughput(workers=workers, frames=processed, fps=processed / spent_s)
 
 
-def _run(frames: SpeedFrames, model: Path, together: Barrier) -> tuple[int, float, float]:
+_together: list[Barrier] = []  # of a process, where it waits for the others
+
+
+def _share(together: Barrier) -> None:
+    _together.append(together)
+
+
+def _run(frames: SpeedFrames, model: Path) -> tuple[int, float, float]:
     """How many frames, and when: from and to, by the machine's monotonic clock, which all processes share."""
     from kgdfa.keypoints import live_detector
 
@@ -245,7 +259,7 @@ def _run(frames: SpeedFrames, model: Path, together: Barrier) -> tuple[int, floa
         start_s = 0.0
         for number, image in enumerate([*images[:WARM_UP], *images]):
             if number == min(WARM_UP, len(images)):
-                _wait_for_others(together)
+                _wait_for_others(_together[0])
                 start_s = time.monotonic()
             pipeline.process(PipelineInput(image_bgr=image, captured_ns=(number + 1) * FRAME_NS))
         return len(images), start_s, time.monotonic()

@@ -18,6 +18,7 @@ from app.evaluate.outcomes.walks import RecordedWalk, Walk
 from app.motion.plan import patient_of
 from app.outcomes.measures import Measures, measure
 from app.outcomes.recorded import history_of, read_legs
+from app.text.catalogue import knows, tr
 from hal.joints.device import Exoskeleton
 from profiles.schema import GaitParameters, Profile, Sex
 
@@ -109,7 +110,7 @@ def errors_table(found: Sequence[Compared]) -> Table:
     """Per cent, case by case."""
     rows = [
         [
-            one.case.name,
+            _shown(one.case),
             f"{one.measured.steps}/{one.true.steps}",
             *(f"{one.errors[name]:+.2f}" for name in (*RELATIVE, *IN_POINTS, RANGE)),
         ]
@@ -121,6 +122,12 @@ def errors_table(found: Sequence[Compared]) -> Table:
         "outcomes.range"
     )
     return table("outcomes.title", columns, rows, caption="outcomes.caption")
+
+
+def _shown(case: Case) -> str:
+    """Of one who differs in more than stature; the others' are a figure."""
+    key = f"evaluate.case.{case.name}"
+    return tr(key) if knows(key) else case.name
 
 
 def errors_of(measured: Measures, true: Measures) -> dict[str, float]:

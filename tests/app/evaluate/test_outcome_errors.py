@@ -7,8 +7,9 @@ from math import inf
 import pytest
 from msgspec.structs import replace
 
-from app.evaluate.outcomes.compare import IN_POINTS, RANGE, RELATIVE, errors_of
+from app.evaluate.outcomes.compare import CASES, IN_POINTS, RANGE, RELATIVE, Compared, errors_of, errors_table
 from app.outcomes.measures import Measures, Range
+from app.text.catalogue import use_language
 
 WHOLE = Measures(
     steps=2,
@@ -38,3 +39,11 @@ def test_what_only_one_side_has_passes_no_limit(name: str) -> None:
 def test_a_session_without_ranges_passes_no_limit() -> None:
     assert errors_of(replace(WHOLE, range_of_motion={}), WHOLE)[RANGE] == inf
     assert errors_of(WHOLE, replace(WHOLE, range_of_motion={}))[RANGE] == inf
+
+
+def test_the_patients_are_named_in_the_language_in_use() -> None:
+    found = [Compared(case=case, measured=WHOLE, true=WHOLE, errors=errors_of(WHOLE, WHOLE)) for case in CASES]
+    use_language("zh")
+    names = [str(cell) for cell in errors_table(found).columns[0].cells]
+    assert names == ["1.70 m", "1.50 m", "1.90 m", "大腿较长", "步行缓慢", "坐下、起立、行走", "左步较短", "左步较长"]
+    assert [one.as_json()["case"] for one in found[3:5]] == ["long thighs", "slow"]

@@ -20,12 +20,13 @@ from app.evaluate.gestures.report import as_json as gestures_json
 from app.evaluate.harness import MODES, EvaluateFault, write_json
 from app.evaluate.loop.speed import BARE, WHOLE, DetectorFigures, SpeedFigures
 from app.evaluate.loop.table7 import ResponseResult
-from app.evaluate.paper.make import Job, Run, figures_file, jobs, make, read_as, run_file
+from app.evaluate.paper.make import Job, Run, figures_file, jobs, made_before, make, read_as, run_file
 from app.evaluate.paper.page import write_page
 from app.evaluate.trigger.table6 import CAMERAS, TriggerRow
 from app.system.errors import AppError
 from app.system.program import PROGRAM as PROGRAM_HASH
 from app.system.program import VERSION, program_identity
+from app.text.catalogue import tr
 
 JOB = Job(5, ("distance",))
 # Counts how often it ran, in the file after --json; ends with the status that its last argument names.
@@ -53,6 +54,73 @@ def test_a_table_is_made_once_and_again_by_another_command(tmp_path: Path) -> No
     run = read_as(run_file(tmp_path, 5), Run)
     assert (run.command, run.status, len(run.program)) == ("rleex evaluate distance", 0, 64)
     assert made(tmp_path, Job(5, ("distance", "--hands", "2"))) == 2
+
+
+def test_a_table_of_another_program_is_made_again_and_kept_sessions_are_not(tmp_path: Path) -> None:
+    other = JOB, Job(7, ("response",), kept="1-3")
+    for number, job in enumerate(other, start=1):
+        assert made(tmp_path, job) == number
+    for job in other:
+        run = read_as(run_file(tmp_path, job.table), Run)
+        write_json(msgspec.to_builtins(msgspec.structs.replace(run, program=OTHER)), run_file(tmp_path, job.table))
+    assert made_before(other[0], tmp_path) is None
+    kept_sessions = made_before(other[1], tmp_path)
+    assert kept_sessions is not None
+    assert kept_sessions.program == OTHER
+    assert [made(tmp_path, job) for job in (*other, *other)] == [3] * 4
+
+
+def test_a_table_of_another_list_or_folder_is_made_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    here, there, out = (tmp_path / name for name in ("here", "there", "out"))
+    for place in (here, there):
+        (place / "data" / "gestures").mkdir(parents=True)
+        (place / "data" / "gestures" / "labels.csv").write_text("path,label,source,group\na.png,1,,\n")
+    out.mkdir()
+
+    def count() -> int:
+        (first, *_) = jobs(Path("data"), attempts=1, hands="1", changes=4, onnx=[])
+        return made(out, first)
+
+    monkeypatch.chdir(here)
+    assert [count(), count()] == [1, 1]
+    (here / "data" / "gestures" / "labels.csv").write_text("path,label,source,group\na.png,2,,\n")
+    assert [count(), count()] == [2, 2]
+    monkeypatch.chdir(there)
+    assert [count(), count()] == [3, 3]
+    (there / "data" / "gestures" / "labels.csv").unlink()
+    assert count() == 4, "its command says what is missing"
+
+
+def test_a_table_that_is_kept_is_not_said_to_be_made(tmp_path: Path) -> None:
+    made(tmp_path)
+    run = made_before(JOB, tmp_path)
+    assert run is not None
+    text = tr("evaluate.paper.kept", table=5, date=run.date, file=run_file(tmp_path, 5))
+    assert text == f"Table 5: kept from {run.date}; to make it again, remove {tmp_path}/table-5.run.json."
+
+
+# As a command that ends by itself when it is told to: it notes that it did.
+TOLD = """
+import os, pathlib, signal, sys
+noted = pathlib.Path(sys.argv[-1])
+def end(*_):
+    noted.write_text("ended")
+    raise SystemExit(130)
+signal.signal(signal.SIGTERM, end)
+os.kill(os.getppid(), signal.SIGINT)
+while True:
+    signal.pause()
+"""
+
+
+def test_a_command_is_told_to_end_where_only_this_process_was_interrupted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.evaluate.paper.make.ENDING_S", 0.0)
+    with pytest.raises(KeyboardInterrupt):
+        make(JOB, tmp_path, (str(tmp_path / "noted"),), (sys.executable, "-c", TOLD))
+    assert (tmp_path / "noted").read_text() == "ended"
+    assert not figures_file(tmp_path, 5).exists()
 
 
 def test_figures_that_did_not_all_pass_are_kept_with_the_status(tmp_path: Path) -> None:

@@ -1,7 +1,9 @@
 from __future__ import annotations
 
 import re
+import resource
 import struct
+import zlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
@@ -11,6 +13,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from app.evaluate.harness import EvaluateFault
 from app.evaluate.readings import (
@@ -23,8 +26,9 @@ from app.evaluate.readings import (
 )
 from app.system.errors import AppError
 from app.text.catalogue import render
-from hal.cameras.playback import video_source
+from hal.cameras.playback import MAX_PIXELS, pixels_of, video_source
 from kgdfa.preprocess import as_bgr8
+from logs.reason import Reason
 
 
 def filmed(file: Path, codec: str, images: Iterable[NDArray[np.uint8]]) -> Path:
@@ -167,6 +171,47 @@ def test_every_kind_of_image_is_read_as_it_was_kept(tmp_path: Path, kept: NDArra
     image = read_image(LabelledImage(path="a.png", label="5"), tmp_path)
     assert isinstance(image, np.ndarray)
     assert np.array_equal(image, as_bgr8(kept))
+
+
+MUCH_TEXT = PngInfo()
+MUCH_TEXT.add_text("a", "x" * (2 << 20), zip=True)
+
+
+@pytest.mark.parametrize(
+    "beside", [{"pnginfo": MUCH_TEXT}, {"icc_profile": bytes(2 << 20)}], ids=["text", "colour profile"]
+)
+def test_a_png_with_much_beside_its_pixels_is_an_image(tmp_path: Path, beside: dict[str, Any]) -> None:
+    Image.new("RGB", (30, 20), (1, 2, 3)).save(tmp_path / "a.png", **beside)
+    image = read_image(LabelledImage(path="a.png", label="5"), tmp_path)
+    assert isinstance(image, np.ndarray)
+    assert image.tolist() == [[[3, 2, 1]] * 30] * 20
+
+
+@pytest.mark.parametrize("name", ["zTXt", "iCCP"])
+def test_what_is_packed_beside_a_pngs_pixels_takes_no_memory(tmp_path: Path, name: str) -> None:
+    packer, packed = zlib.compressobj(9), b"a\0\0"
+    for _ in range(1 << 10):
+        packed += packer.compress(bytes(1 << 20))
+    packed += packer.flush()
+    Image.new("RGB", (30, 20)).save(tmp_path / "plain.png")
+    plain, body = (tmp_path / "plain.png").read_bytes(), name.encode() + packed
+    chunk = struct.pack(">I", len(packed)) + body + struct.pack(">I", zlib.crc32(body))
+    (tmp_path / "a.png").write_bytes(plain[:33] + chunk + plain[33:])  # behind the header
+    before_kb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    assert isinstance(read_image(LabelledImage(path="a.png", label="5"), tmp_path), np.ndarray)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kb < 100_000, "a gigabyte is packed"
+
+
+@pytest.mark.parametrize("size", [(100_000, 100_000), (MAX_PIXELS + 1, 1), (0, 0)])
+def test_a_png_is_refused_by_the_size_that_it_claims(tmp_path: Path, size: tuple[int, int]) -> None:
+    Image.new("RGB", (30, 20)).save(tmp_path / "a.png")
+    data = bytearray((tmp_path / "a.png").read_bytes())
+    data[16:24] = struct.pack(">II", *size)
+    data[29:33] = struct.pack(">I", zlib.crc32(data[12:29]))
+    (tmp_path / "a.png").write_bytes(data)
+    assert isinstance(read_image(LabelledImage(path="a.png", label="5"), tmp_path), Reason)
+    assert pixels_of(bytes(data)) == size[0] * size[1]
+    assert pixels_of(bytes(data[:18])) == 0
 
 
 def test_the_table_beside_the_video_is_its_own(video: Path) -> None:

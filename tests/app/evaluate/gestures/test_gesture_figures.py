@@ -197,7 +197,7 @@ def test_misclassified_images_are_drawn_and_the_matrix_is_plotted(tmp_path: Path
     mislabelled = [DetectedImage(image=LabelledImage(path="1.png", label="2"), hands=detected[1].hands)]
     wrong = classify_all(mislabelled, published_classifier())
     assert write_errors(wrong, mislabelled, tmp_path, tmp_path / "errors") == 1
-    drawn = cv2.imread(str(tmp_path / "errors" / "2_as_1_1.png.png"))
+    drawn = cv2.imread(str(tmp_path / "errors" / "00001_2_as_1_1.png"))
     assert drawn is not None
     assert len(np.unique(drawn.reshape(-1, 3), axis=0)) > 5
     plot_confusion({"published": measure(verdicts)}, tmp_path / "confusion.png")
@@ -205,15 +205,29 @@ def test_misclassified_images_are_drawn_and_the_matrix_is_plotted(tmp_path: Path
 
 
 def test_every_misclassified_image_has_a_file_of_its_own(tmp_path: Path) -> None:
-    paths = ("a/1.png", "b/1.png", "b/1.jpg")
-    for folder in ("a", "b"):
-        (tmp_path / folder).mkdir()
+    deep = "/".join(["手" * 20] * 5)  # 304 bytes, each name within 255
+    paths = ("a-b/1.png", "a/b-1.png", "a/b/1.png", "a/b/1.jpg", f"{deep}/a.png", f"{deep}/b.png")
+    for folder in ("a-b", "a/b", deep):
+        (tmp_path / folder).mkdir(parents=True)
     for path in paths:
         cv2.imwrite(str(tmp_path / path), np.zeros((1, 2000, 3), np.uint8))  # as thin as any that can be drawn larger
     missed = [DetectedImage(image=LabelledImage(path=path, label="3"), hands=()) for path in paths]
-    assert write_errors(classify_all(missed, published_classifier()), missed, tmp_path, tmp_path / "errors") == 3
+    assert write_errors(classify_all(missed, published_classifier()), missed, tmp_path, tmp_path / "errors") == 6
     names = sorted(path.name for path in (tmp_path / "errors").iterdir())
-    assert names == ["3_as_none_a-1.png.png", "3_as_none_b-1.jpg.png", "3_as_none_b-1.png.png"]
+    assert names[:4] == [f"0000{row}_3_as_none_a-b-1.png" for row in (1, 2, 3, 4)]
+    assert [(name[:6], name[-6:]) for name in names[4:]] == [("00005_", "-a.png"), ("00006_", "-b.png")]
+
+
+def test_an_error_of_any_label_has_a_file(tmp_path: Path) -> None:
+    photo = np.zeros((1, 2000, 3), np.uint8)
+    cv2.imwrite(str(tmp_path / "1.png"), photo)
+    labels = ("none:" + "很" * 100, "none:a/../b")
+    taken = [
+        DetectedImage(image=LabelledImage(path="1.png", label=label), hands=drawn_images()[1].hands) for label in labels
+    ]
+    assert write_errors(classify_all(taken, published_classifier()), taken, tmp_path, tmp_path / "errors") == 2
+    names = sorted(path.name for path in (tmp_path / "errors").iterdir())
+    assert names == [f"00001_{'很' * 26}_as_1_1.png", "00002_none-a-..-b_as_1_1.png"]
 
 
 def labelled_folder(folder: Path, drawn: list[DetectedImage]) -> None:

@@ -10,11 +10,11 @@ import pytest
 
 from app.evaluate.gestures.measures import SequenceFigures, measure_sequence, run_sequence, verdicts_and_votes
 from app.evaluate.gestures.report import sequence_shown, sequence_table
-from app.evaluate.harness import EvaluateFault
+from app.evaluate.harness import FRAME_NS, EvaluateFault
 from app.evaluate.readings import Footage
 from app.perception.pipeline import RULES
 from app.system.errors import AppError
-from kgdfa.gesture import Gesture
+from kgdfa.gesture import Gesture, Vote, update_vote
 
 
 def test_a_steady_sequence_is_all_right() -> None:
@@ -38,7 +38,34 @@ def test_a_gesture_never_reported_is_not_recognised() -> None:
     figures = measure_sequence(["3"] * 6, ["none"] * 6, ["none"] * 6)
     assert (figures.shown, figures.recognised, figures.delay_frames) == (1, 0, None)
     cells = [str(cell) for cell in sequence_table(Path("video"), {"robust": figures}).columns[1].cells]
-    assert cells[-2] == "–"
+    assert cells[-3:-1] == ["–", "–"]
+
+
+# A gesture voted, one too short to be, one voted 8 frames early and one 9 frames early: at 30 Hz.
+LABELS = [*["1"] * 10, *["none:ok"] * 9, *["2"] * 3, *["none:ok"] * 12, *["3"] * 9, *["none:ok"] * 12, *["4"] * 4]
+VOTED = [*["none"] * 2, *["1"] * 9, *["none"] * 15, *["3"] * 17, *["none"] * 3, *["4"] * 13]
+
+
+@pytest.mark.parametrize("times", [1, 2, 4, 8])
+def test_a_faster_camera_has_the_same_figures(times: int) -> None:
+    assert len(LABELS) == len(VOTED) == 59
+    labels, voted = (np.repeat(some, times).tolist() for some in (LABELS, VOTED))
+    figures = measure_sequence(labels, voted, voted, FRAME_NS // times)
+    assert (figures.shown, figures.recognised, figures.broken, figures.false_onsets) == (3, 3, 0, 1)
+    assert figures.delay_frames == times * 2 / 3
+    assert figures.delay_ms == pytest.approx(2 / 3 * 1000 / 30)
+
+
+@pytest.mark.parametrize("rate_hz", [15.0, 25.0, 29.97, 30.0, 30.3, 50.0, 60.0, 120.0, 240.0])
+def test_a_perfect_hand_that_counts_as_shown_is_voted(rate_hz: float) -> None:
+    period_ns = round(1e9 / rate_hz)
+    for frames in range(1, 60):
+        vote, voted = Vote(), []
+        for number in range(frames):
+            vote = update_vote(vote, Gesture.TWO, (number + 1) * period_ns)
+            voted.append(vote.gesture.value if vote.gesture else "none")
+        figures = measure_sequence(["2"] * frames, voted, voted, period_ns)
+        assert figures.recognised == figures.shown == (frames * period_ns > 3.5 * FRAME_NS and frames > 3)
 
 
 def test_the_chain_over_footage_guides_its_detector_as_a_sessions_does(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -101,10 +128,11 @@ def test_counts_and_shares_of_footage_are_not_rounded_up() -> None:
         recognised=1234,
         broken=0,
         delay_frames=2.25,
+        delay_ms=75.0,
         false_onsets=3,
     )
     cells = [str(cell) for cell in sequence_table(Path("video"), {"robust": figures}).columns[1].cells]
-    assert cells == ["5412", "0.9996", "0.5000", "1234", "1234", "0", "2.2500", "3"]
+    assert cells == ["5412", "0.9996", "0.5000", "1234", "1234", "0", "2.2500", "75.0000", "3"]
 
 
 @pytest.mark.parametrize(("claimed", "lines"), [(None, 0), (0, 0), (5, 0), (6, 1)])

@@ -17,6 +17,7 @@ from PIL import Image
 
 from app.cli.common import show
 from app.cli.evaluate.common import unreadable_lines
+from app.cli.evaluate.gestures import detected_images
 from app.evaluate.distance.frames import figures as distance_figures
 from app.evaluate.distance.frames import measure_frames
 from app.evaluate.distance.table5 import Table5, _Held, _row, tables
@@ -28,7 +29,7 @@ from app.evaluate.gestures.side import SideFigures, measure_looks, measure_photo
 from app.evaluate.harness import MODES, EvaluateFault
 from app.evaluate.readings import DetectedImage, LabelledFrame, LabelledImage, read_image
 from app.system.errors import AppError
-from app.text.catalogue import render
+from app.text.catalogue import render, use_language
 from hal.cameras.playback import MAX_PIXELS
 from hal.errors import HardwareError, RecordingFault
 from kgdfa.gesture import Gesture
@@ -84,6 +85,13 @@ def test_the_side_of_a_hand_counts_those_that_can_be_read_and_names_the_others(
     assert (figures.images, figures.without, codes(figures.unreadable)) == (1, 1, CODES)
     stored = measure_looks([replace(LOST, image=replace(LOST.image, label="5")), LOST])
     assert stored.unreadable == {"x.png": UNREADABLE}, "undefined hands are not asked for"
+    assert (stored.images, stored.without) == (0, 0)
+
+
+def test_a_stored_gesture_without_a_hand_counts_as_without_a_vote_as_its_photo_does() -> None:
+    five = LabelledImage(path="a.png", label="5", source="s", group="g")
+    figures = measure_looks([DetectedImage(image=five, hands=()), replace(GUN, hands=())])
+    assert (figures.images, figures.without, figures.sources, figures.right) == (1, 1, {}, None)
 
 
 def test_preparations_are_measured_on_those_that_can_be_read_and_the_others_are_named(
@@ -135,6 +143,22 @@ def test_an_undefined_hand_that_can_not_be_read_was_not_refused() -> None:
     assert measure(classify_all([gesture], published_classifier())).per_gesture["5"].re == 0.0
 
 
+def test_a_source_without_a_name_is_none_that_has_that_name(capsys: pytest.CaptureFixture[str]) -> None:
+    five = replace(GUN, image=replace(GUN.image, label="5"))
+    sources = [replace(five, image=replace(five.image, source=name)) for name in ("", "unnamed", "unnamed")]
+    two = measure(classify_all(sources, published_classifier()))
+    assert {name: one.n for name, one in two.per_source.items()} == {"": 1, "unnamed": 2}
+    one = measure(classify_all(sources[:1], published_classifier()))
+    for figures, keys in ((one, {"unnamed"}), (two, {"", "unnamed"})):
+        made = as_json({"published": figures}, {}, [], cross_validated=False, views=None, prepare="none")
+        assert made["rules"]["published"]["per_source"].keys() == keys
+    use_language("zh")
+    show(*shown("published", one, 1))
+    printed = capsys.readouterr().out
+    assert "未命名" in printed
+    assert "unnamed" not in printed
+
+
 def test_shares_of_nothing_are_none_and_shown_as_a_dash() -> None:
     five = replace(GUN, image=replace(GUN.image, label="5"))
     without_undefined = measure(classify_all([five], published_classifier()))
@@ -171,7 +195,7 @@ UNREAD = [LabelledImage(path=rf"images\{number}.jpg", label="3") for number in (
 @pytest.mark.parametrize(
     "measured",
     [
-        lambda folder: detect_images(UNREAD, folder, Path("model"), lambda: None),
+        lambda folder: detected_images(folder, None, None),
         lambda folder: measure_photos(BLIND, UNREAD, folder, lambda: None),
         lambda folder: measure_preparations(photos(UNREAD, folder, {}), BLIND),
         lambda folder: measure_frames(
@@ -188,6 +212,8 @@ UNREAD = [LabelledImage(path=rf"images\{number}.jpg", label="3") for number in (
 def test_a_folder_of_which_no_image_can_be_read_gives_no_figures(
     tmp_path: Path, measured: Callable[[Path], object]
 ) -> None:
+    rows = "".join(f"{one.path},3,,\n" for one in UNREAD)
+    (tmp_path / "labels.csv").write_text("path,label,source,group\n" + rows)
     with pytest.raises(AppError) as refused:
         measured(tmp_path)
     assert refused.value.code is EvaluateFault.IMAGE_UNREADABLE
@@ -211,7 +237,7 @@ def test_an_image_that_memory_does_not_hold_is_unreadable_and_the_others_are_cou
             cv2.copyMakeBorder(image, 0, 0, 0, -1, cv2.BORDER_CONSTANT)
         return np.asarray(image, np.uint8)
 
-    detected = detect_images(listed, tmp_path, Path("model"), lambda: None, prepare)
+    detected = [*detect_images(listed, tmp_path, Path("model"), prepare)]
     assert [one.error and one.error.code for one in detected] == [None, UNREADABLE.code, UNREADABLE.code, None]
 
 

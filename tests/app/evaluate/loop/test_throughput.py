@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import os
+import signal
+import subprocess
+import sys
 import tracemalloc
 from pathlib import Path
 from types import SimpleNamespace, TracebackType
@@ -12,8 +16,9 @@ import cv2
 import numpy as np
 import pytest
 
+from app.cli.tree import command
 from app.evaluate.harness import EvaluateFault
-from app.evaluate.loop.frames import frames_for_speed
+from app.evaluate.loop.frames import SpeedFrames, frames_for_speed
 from app.evaluate.loop.speed import BARE, WARM_UP, WHOLE, measure_speed, worker_counts
 from app.system.errors import AppError
 from kgdfa.gesture import Gesture
@@ -48,6 +53,81 @@ def test_a_recording_gives_its_first_frames_and_its_focal_length(tmp_path: Path)
     assert [int(image[0, 0, 0]) for image in images] == [0, 10]
     assert (made.focal_px, made.unreadable) == (600.0, ())
     assert not made.file.exists()
+
+
+def test_the_frames_have_no_name_that_could_be_left_and_another_process_maps_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    recording(tmp_path, frames=3)
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(scratch))
+    with frames_for_speed(tmp_path, 3) as made:
+        assert [*scratch.iterdir()] == []
+        with multiprocessing.get_context("spawn").Pool(1) as pool:
+            levels = pool.apply(levels_of, (made,))
+    assert levels == [0, 10, 20]
+
+
+def levels_of(made: SpeedFrames) -> list[int]:
+    return [int(image[0, 0, 0]) for image in made.images()]
+
+
+# A pool whose process writes that it has begun work, which never ends.
+WAITING = """
+import os, signal, sys
+from app.evaluate.harness import process_pool
+def work():
+    os.write(1, b"begun")
+    signal.pause()
+if __name__ == "__main__":
+    with process_pool(1, os.getpid) as pool:
+        pool.submit(work).result()
+"""
+
+
+def test_a_pool_ends_with_its_parent_however_that_ends(tmp_path: Path) -> None:
+    (tmp_path / "waiting.py").write_text(WAITING)
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[4])}
+    with subprocess.Popen(
+        [sys.executable, "waiting.py"], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, cwd=tmp_path, env=environment
+    ) as process:
+        assert process.stdout is not None
+        assert process.stdout.read(5) == b"begun"
+        process.kill()
+        rest, _ = process.communicate(timeout=60)  # until nobody holds its stdout
+    assert rest == b""
+
+
+# An evaluation that is told to end while it works, and once more while it ends.
+TOLD = """
+import os, signal, sys
+from app.cli import main
+from app.cli.evaluate import gestures
+def read(_):
+    try:
+        os.kill(os.getpid(), signal.SIGTERM)
+        signal.pause()
+    finally:
+        os.kill(os.getpid(), signal.SIGTERM)
+        print("work is kept", flush=True)
+gestures.read_labels = read
+main()
+"""
+
+
+def test_sigterm_ends_an_evaluation_as_ctrl_c_does(tmp_path: Path) -> None:
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[4])}
+    line = [sys.executable, "-c", TOLD, "evaluate", "gestures", str(tmp_path)]
+    done = subprocess.run(line, capture_output=True, text=True, env=environment, timeout=60, check=False)
+    assert (done.returncode, done.stdout.splitlines()[0]) == (130, "work is kept")
+
+
+def test_a_command_leaves_sigterm_as_it_was(tmp_path: Path) -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    with pytest.raises(AppError):
+        command().main(["evaluate", "gestures", str(tmp_path)], standalone_mode=False)
+    assert signal.getsignal(signal.SIGTERM) is before
 
 
 def test_frames_that_can_not_be_read_are_left_out_and_named(tmp_path: Path) -> None:
