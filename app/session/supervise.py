@@ -29,7 +29,7 @@ from app.session.shared import Launch, Lease, Peer, current_lease, decode, share
 from app.system.diagnostics_log import get_logger, start_log, stop_log
 from app.system.legs_lock import claim_legs
 from app.system.paths import Home
-from app.system.scheduling import set_autogroup_nice, set_oom_score_adj
+from app.system.scheduling import set_autogroup_nice, set_oom_score_adj, set_scheduling
 from logs.reason import reason
 from logs.records import ProcessEnd
 
@@ -174,6 +174,7 @@ def supervise(launch: Launch) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     set_oom_score_adj("session")
+    set_scheduling("session")
     set_autogroup_nice("session")
     setup = replace(launch.setup, host_pid=os.getpid(), host_started=start_of(os.getpid()))
     legs = claim_legs(setup)

@@ -20,10 +20,14 @@ from app.ipc.messages import RealTime
 
 @dataclass(frozen=True, slots=True)
 class SchedPolicy:
-    """When a process runs: before everything usual by a SCHED_FIFO priority, or among it by a niceness."""
+    """When a process runs: before everything usual by a SCHED_FIFO priority, or among it by a niceness.
+
+    inherited: by threads and processes that it starts; else they have the usual policy, with a niceness of at least 0.
+    """
 
     fifo: int | None = None
     nice: int = 0
+    inherited: bool = True
 
 
 # FIFO stays below the kernel's own threads at 99.
@@ -35,9 +39,10 @@ SCHEDULING = MappingProxyType(
         "heartbeat": SchedPolicy(fifo=20),  # a busy machine must not look like a dead console
         "link": SchedPolicy(fifo=20),  # carries both
         "perception": SchedPolicy(nice=-10),  # the wearer's command must not wait for the screen, or for other programs
-        "session": SchedPolicy(nice=-10),  # its group of processes against those of other terminals
+        "session": SchedPolicy(nice=-10),  # it watches perception; its group of processes against other terminals'
         "audit": SchedPolicy(nice=-10),  # needs little, but a trail that falls behind stops the legs
-        "console": SchedPolicy(nice=-5),  # after perception, whose core it shares; before other programs
+        # The event loop's thread alone: while it holds the interpreter's lock without a core, heartbeat and STOP wait.
+        "console": SchedPolicy(fifo=10, nice=-5, inherited=False),
         "observer": SchedPolicy(nice=5),  # another console on this host must not keep the therapist's waiting
         "rehearsal": SchedPolicy(nice=5),  # half a minute of physics, while somebody presses keys
         "recording": SchedPolicy(nice=5),  # its queue holds 20 s
@@ -57,12 +62,20 @@ def acquire_real_time() -> RealTime:
 
 
 def set_scheduling(name: str) -> bool:
-    """Give this thread, and those it starts later, that policy of `SCHEDULING`; whether that was allowed."""
+    """Give this thread, and most of those it starts later, that policy of `SCHEDULING`; whether that was allowed."""
     policy = SCHEDULING[name]
+    allowed = policy.fifo is None or _set_fifo(policy.fifo, inherited=policy.inherited)
     try:
-        if policy.fifo is not None:
-            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(policy.fifo))
         os.setpriority(os.PRIO_PROCESS, 0, policy.nice)  # not `nice`: a child inherits its parent's
+    except PermissionError:
+        return allowed and policy.fifo is not None  # a niceness means nothing to SCHED_FIFO
+    return allowed
+
+
+def _set_fifo(priority: int, *, inherited: bool) -> bool:
+    policy = os.SCHED_FIFO if inherited else os.SCHED_FIFO | os.SCHED_RESET_ON_FORK
+    try:
+        os.sched_setscheduler(0, policy, os.sched_param(priority))
     except PermissionError:
         return False
     return True

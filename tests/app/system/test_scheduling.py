@@ -78,12 +78,36 @@ def test_an_isolated_core_is_controls_though_no_process_inherits_it(
 
 
 def test_who_keeps_the_legs_safe_comes_first() -> None:
-    fifo = [
-        policy.fifo for name in ("guardian", "control", "planner", "heartbeat") if (policy := SCHEDULING[name]).fifo
-    ]
+    names = ("guardian", "control", "planner", "heartbeat", "console")
+    fifo = [policy.fifo for name in names if (policy := SCHEDULING[name]).fifo]
     assert fifo == sorted(fifo, reverse=True)
     assert all(0 < priority < 99 for priority in fifo)
-    assert len(fifo) == 4
+    assert len(fifo) == 5
+
+
+CHILDREN = """
+import os, subprocess, sys, threading
+from app.system.scheduling import set_scheduling
+set_scheduling(sys.argv[1])
+def report():
+    print(os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK, os.getpriority(os.PRIO_PROCESS, 0), flush=True)
+report()
+thread = threading.Thread(target=report)
+thread.start()
+thread.join()
+"""
+
+
+@pytest.mark.parametrize("name", ["console", "heartbeat"])
+def test_what_the_console_starts_does_not_go_before_everything_usual(name: str) -> None:
+    """A rehearsal of half a minute would keep perception from its core; the links' threads must."""
+    command = [sys.executable, "-c", CHILDREN, name]
+    lines = subprocess.run(command, capture_output=True, text=True, check=True, timeout=60).stdout.splitlines()
+    own, thread = ([int(value) for value in line.split()] for line in lines)
+    if own[0] == os.SCHED_FIFO and name == "console":
+        assert thread == [os.SCHED_OTHER, 0]
+    else:  # or not allowed
+        assert thread == own
 
 
 AUTOGROUP = Path("/proc/self/autogroup")
@@ -130,7 +154,7 @@ def test_a_policy_is_set_or_reported_as_refused(name: str) -> None:
             sys.executable,
             "-c",
             "import os; from app.system.scheduling import set_scheduling; "
-            f"print(set_scheduling({name!r}), os.sched_getscheduler(0) == os.SCHED_FIFO, os.nice(0))",
+            f"print(set_scheduling({name!r}), bool(os.sched_getscheduler(0) & os.SCHED_FIFO), os.nice(0))",
         ],
         capture_output=True,
         text=True,
@@ -139,7 +163,8 @@ def test_a_policy_is_set_or_reported_as_refused(name: str) -> None:
     ).stdout.split()
     policy = SCHEDULING[name]
     allowed = [str(policy.fifo is not None), str(policy.nice)]
-    assert reported in (["True", *allowed], ["False", "False", str(os.nice(0))])
+    refused = [["False", "False", str(nice)] for nice in (os.nice(0), policy.nice)]
+    assert reported in [["True", *allowed], ["True", "True", str(os.nice(0))], *refused]
 
 
 def test_the_request_to_stay_awake_is_held_and_reports_no_microsecond(tmp_path: Path) -> None:
