@@ -18,7 +18,7 @@ from app.evaluate.outcomes.walks import RecordedWalk, Walk
 from app.motion.plan import patient_of
 from app.outcomes.measures import Measures, measure
 from app.outcomes.recorded import history_of, read_legs
-from app.text.catalogue import knows, tr
+from app.text.catalogue import tr
 from hal.joints.device import Exoskeleton
 from profiles.schema import GaitParameters, Profile, Sex
 
@@ -88,6 +88,13 @@ CASES = (
     Case("short left steps", _patient(1.70, 65.0), _SHORT_LEFT),
     Case("long left steps", _patient(1.60, 58.0), _LONG_LEFT),
 )
+_SHOWN = {
+    "long thighs": "evaluate.case.long-thighs",
+    "slow": "evaluate.case.slow",
+    "sits, rises, walks": "evaluate.case.sits-and-walks",
+    "short left steps": "evaluate.case.short-left-steps",
+    "long left steps": "evaluate.case.long-left-steps",
+}
 
 
 def compare(cases: Iterable[Case], device: Exoskeleton, step: Step = lambda: None) -> list[Compared]:
@@ -126,8 +133,8 @@ def errors_table(found: Sequence[Compared]) -> Table:
 
 def _shown(case: Case) -> str:
     """Of one who differs in more than stature; the others' are a figure."""
-    key = f"evaluate.case.{case.name}"
-    return tr(key) if knows(key) else case.name
+    key = _SHOWN.get(case.name)
+    return case.name if key is None else tr(key)
 
 
 def errors_of(measured: Measures, true: Measures) -> dict[str, float]:
