@@ -115,6 +115,8 @@ SILENCE_S = 2.0  # without a frame for so long a device counts as lost
 AWAY_S = 1.0  # between two `take`, beyond their timeout: no more counts as silence
 JOIN_S = 1.0
 LATE_NS = 200_000_000  # an image that is later than usual by more was waiting while this process stood still
+# Late for longer, and by as many images in a row, is another base of the stamps: what waited comes at once.
+LATE_ROW_NS, LATE_ROW = 500_000_000, 3
 DRIFT_SHARE = 1000  # of the time: by so little the usual delay grows, more than two clocks drift apart
 
 
@@ -122,20 +124,26 @@ class UsualDelay:
     """The least delay of a camera's images so far.
 
     Compared with it, an image that waited in a driver's buffer stands out, while a slow camera's images don't, nor do
-    those whose stamps begin at another moment than this host's clock.
+    those whose stamps begin at another moment than this host's clock. Where that moment changes, as librealsense's does
+    when this host's date is set, and where a camera without stamps becomes slow, images are late for half a second.
     """
 
     def __init__(self) -> None:
         self._least_ns: int | None = None
         self._updated_ns = 0
+        self._late: list[int] = []  # when each image came since all have been late
 
     def exceeded(self, delay_ns: int, now_ns: int, by_ns: int = LATE_NS) -> bool:
         """Whether this image's delay is longer than usual by more than that; never the first one's."""
         least_ns = delay_ns
         if self._least_ns is not None:
             least_ns = min(delay_ns, self._least_ns + (now_ns - self._updated_ns) // DRIFT_SHARE)
+        late = delay_ns - least_ns > by_ns
+        self._late = [*self._late, now_ns] if late else []
+        if len(self._late) >= LATE_ROW and now_ns - self._late[0] > LATE_ROW_NS:
+            late, least_ns, self._late = False, delay_ns, []
         self._least_ns, self._updated_ns = least_ns, now_ns
-        return delay_ns - least_ns > by_ns
+        return late
 
 
 class LatestFrame(Generic[T]):

@@ -97,7 +97,7 @@ class RealSenseCamera:
 
     @property
     def _stamped_live(self) -> bool:
-        """Whether its stamps go on with this host's time; a recording's and a software device's need not."""
+        """Whether its stamps go on with time; a recording's and a software device's need not."""
         return self._software is None and not self.finite
 
     def open(self) -> None:

@@ -198,6 +198,21 @@ def test_frame_sets_that_waited_while_the_process_stood_still_are_none(
     assert [one.depth_m is not None for one in given if one] == [True, True, False, True], "its depth is as old"
 
 
+@pytest.mark.parametrize("step_s", [-3600.0, -1.0, -0.3, 0.7])
+def test_a_camera_whose_stamps_jump_is_back_within_a_second(
+    unaligned: RealSenseCamera, monkeypatch: pytest.MonkeyPatch, step_s: float
+) -> None:
+    """By librealsense's default they follow this host's date, which may be set."""
+    given = []
+    for number in range(1, 200):
+        monkeypatch.setattr("hal.cameras.realsense.time.monotonic_ns", lambda number=number: number * PERIOD_NS)
+        frames = frame_set(number, number, epoch_ns=10**18 + round(step_s * 1e9 if number >= 100 else 0))
+        streams: Any = SimpleNamespace(wait=lambda _, frames=frames: frames)
+        given.append(unaligned._grab(streams) is not None)
+    assert all(given[:99])
+    assert all(given[130:])
+
+
 def test_a_colour_stream_that_stalls_beside_a_live_depth_stream_is_lost(unaligned: RealSenseCamera) -> None:
     streams: Any = SimpleNamespace(wait=lambda _: frame_set(1, time.monotonic_ns()))
     lost = HardwareError(CameraFault.NO_FRAMES, camera=unaligned.name)

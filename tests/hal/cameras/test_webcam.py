@@ -240,6 +240,15 @@ def test_a_slow_camera_keeps_its_images(
         assert all(camera._grab() is not None for _ in range(200))
 
 
+def test_a_camera_without_stamps_that_becomes_very_slow_is_back_within_a_second(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    camera, buffer = buffered(monkeypatch, 30.0, stamps=False)
+    assert all(camera._grab() is not None for _ in range(30))
+    buffer.rate_hz = 3.0
+    assert [camera._grab() is not None for _ in range(6)] == [False, False, True, True, True, True]
+
+
 @pytest.mark.parametrize("stamps", STAMPS.values(), ids=STAMPS)
 def test_a_hand_that_came_near_while_the_process_stood_still_and_hovers_does_not_command(
     monkeypatch: pytest.MonkeyPatch, stamps: dict[str, Any]
