@@ -39,6 +39,7 @@ from app.system.scheduling import set_scheduling
 FRAME_TIMEOUT_S = 0.5  # a frame that has waited so long shows the past
 CLOSE_TIMEOUT_S = 0.3  # for the sequences that restore the terminal
 POLL_MS = 50
+FULL = 4095  # bytes that a terminal gives at a time (N_TTY_BUF_SIZE); the turn leaves what waits behind them
 WIDEST, HIGHEST = 600, 200  # cells; the largest screens with the smallest letters have less
 # As Textual's driver writes them when it stops: paste, wrap, mouse, keyboard protocol, screen, cursor, focus.
 RESTORE = (
@@ -180,7 +181,9 @@ class InputLoop(threading.Event):
         self._poller = select.poll()
         self._poller.register(fileno, select.POLLIN)
         self.thread: int | None = None
+        self._fileno = fileno
         self._turn_ns = self.given_ns = time.monotonic_ns()  # what is read in this turn was given since `given_ns`
+        self._full = False  # in the turn before
 
     @property
     def asked(self) -> bool:
@@ -195,9 +198,16 @@ class InputLoop(threading.Event):
         found = [events for _, events in self._poller.poll(0)]
         if any(events & _CLOSED for events in found):
             return True
-        self.given_ns = before_ns if found else self._turn_ns  # the turn before read all there was then
+        before_ns, self._full = self.given_ns if self._full else before_ns, self._waiting() >= FULL
+        self.given_ns = before_ns if found else self._turn_ns  # the turn before read all there was then, or was full
         self._alive()
         return False
+
+    def _waiting(self) -> int:
+        try:
+            return int.from_bytes(fcntl.ioctl(self._fileno, termios.FIONREAD, bytes(4)), sys.byteorder)
+        except OSError:  # no terminal, nor a pipe
+            return 0
 
 
 def with_stop(base: type[Driver], switch: Callable[[], StopSwitch]) -> type[Driver]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Protocol, runtime_checkable
 
@@ -39,6 +39,13 @@ class FeltJoints(Protocol):
     def contact_n(self) -> tuple[float, float]:
         """Vertical force on the left and the right foot."""
         ...
+
+
+@runtime_checkable
+class ConfirmingJoints(Protocol):
+    """Real joints: some may be on that have not confirmed that they are off."""
+
+    unconfirmed: Sequence[object]
 
 
 class Drives:
@@ -153,8 +160,10 @@ class Drives:
             self._switch_off(now_ns)
             self.open(now_ns)
         self.unconfirmed = True
-        self._joints.enable(time.monotonic_ns())
-        self.unconfirmed = False
+        try:
+            self._joints.enable(time.monotonic_ns())
+        finally:  # where it failed, too, most drives have confirmed that they are off
+            self.unconfirmed = isinstance(self._joints, ConfirmingJoints) and bool(self._joints.unconfirmed)
 
     def _switch_off(self, now_ns: int) -> None:
         self.unconfirmed = True

@@ -19,7 +19,6 @@ from app.voice.spotter import KeywordSpotter, require_spotter
 from hal.errors import HardwareError, MicrophoneFault
 from hal.microphone import BLOCK_SAMPLES, RATE_HZ, Microphone, VoiceConfig, make_microphone
 
-NICENESS = 5  # after everything of the session
 _OF_FAULT = {
     MicrophoneFault.EXTRA_MISSING: Signal.NO_EXTRA,
     MicrophoneFault.NO_PORTAUDIO: Signal.NO_PORTAUDIO,
@@ -65,7 +64,6 @@ def main() -> None:
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGPIPE, signal.SIG_DFL)  # the console has ended
-    os.nice(NICENESS)
     voice = msgspec.json.decode(sys.stdin.buffer.read(), type=VoiceConfig)
     pipe = os.dup(1)
     os.dup2(2, 1)  # native libraries print what they please

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import os
+import pty
 import threading
 import time
+import tty
 from collections.abc import Iterator
 
 import pytest
@@ -294,6 +296,30 @@ def test_input_that_waited_at_a_turn_is_dated_by_the_one_before(loop: InputLoop,
     os.read(pipe[0], 1)
     assert not loop.is_set()
     assert loop.given_ns >= between_ns
+
+
+def test_all_that_waited_is_old_where_it_fills_more_than_one_turn() -> None:
+    """The mouse over a console that stands still: the key behind its reports was pressed long before it is read."""
+    terminal, other = pty.openpty()
+    try:
+        tty.setraw(other)
+        loop = InputLoop(other, lambda: None)
+        loop.thread = threading.get_ident()
+        assert not loop.is_set()
+        looked_ns = loop.given_ns
+        written = os.write(terminal, b"x" * 4095)
+        assert not loop.is_set()
+        assert loop.given_ns == looked_ns
+        os.read(other, 4096)
+        os.write(terminal, b"a")
+        assert not loop.is_set()
+        assert (written, loop.given_ns) == (4095, looked_ns)
+        os.read(other, 4096)
+        assert not loop.is_set()
+        assert loop.given_ns > looked_ns
+    finally:
+        os.close(terminal)
+        os.close(other)
 
 
 class _StepsWhileEnding(FakeHost):

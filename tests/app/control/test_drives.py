@@ -212,6 +212,15 @@ def test_a_drive_that_falls_silent_while_it_is_powered_counts_as_unconfirmed_unt
     assert not any(drive.motor_mode for drive in on_can.emulator.drives)
 
 
+def test_a_power_on_that_a_fault_refuses_leaves_no_drive_that_may_be_on(on_can: DrivesOnCan) -> None:
+    on_can.drives.open(time.monotonic_ns())
+    on_can.emulator.inject(Fault.ERROR, Joint.LEFT_KNEE)
+    until(lambda: on_can.tick().faults[Joint.LEFT_KNEE] is not DriveFault.NONE)
+    on_can.tick(DriveOrder.ENABLE)
+    assert on_can.drives.error is not None
+    assert not on_can.drives.unconfirmed
+
+
 def test_a_session_ends_with_the_drives_that_did_not_confirm(on_can: DrivesOnCan) -> None:
     on_can.drives.open(time.monotonic_ns())
     on_can.tick(DriveOrder.ENABLE)
