@@ -83,7 +83,7 @@ class FakeHost:
     clock: Callable[[], int] = time.monotonic_ns
     picture: Preview = field(default_factory=gradient)
     sent: list[tuple[OperatorKind, Action | None]] = field(default_factory=list)
-    given_ns: list[int | None] = field(default_factory=list)  # of each that was sent: when its key was pressed
+    input_ns: list[int | None] = field(default_factory=list)  # of each that was sent: when its key was pressed
     hands: list[HandCommand] = field(default_factory=list)
     perception_commands: list[PerceptionCommand] = field(default_factory=list)
     started: bool = False
@@ -122,9 +122,9 @@ class FakeHost:
         self.closed = True
         shutil.rmtree(self.setup.links, ignore_errors=True)
 
-    def send(self, kind: OperatorKind, action: Action | None = None, *, given_ns: int | None = None) -> int:
+    def send(self, kind: OperatorKind, action: Action | None = None, *, input_ns: int | None = None) -> int:
         self.sent.append((kind, action))
-        self.given_ns.append(given_ns)
+        self.input_ns.append(input_ns)
         match kind:
             case OperatorKind.STOP | OperatorKind.VOICE_STOP:
                 self._stop()

@@ -24,7 +24,7 @@ from textual.widgets import Input, TextArea
 
 from app.console import keys
 from app.console.ending import Ending
-from app.console.given import INPUT, date_of, is_late
+from app.console.input_time import INPUT, input_time_ns, is_late
 from app.console.keys import commands
 from app.console.live import Clock, HostFactory, preload_modules
 from app.console.operator import Idle, since_boot_s
@@ -158,7 +158,7 @@ class ConsoleApp(SessionFlow):
         if not isinstance(event, INPUT):
             return True
         if not (self.switch.live and is_late(event, time.monotonic_ns())):
-            self.given_ns = date_of(event)
+            self.input_ns = input_time_ns(event)
             return True
         mouse = isinstance(event, (events.MouseDown, events.MouseUp))
         if self._is_text(event) or (mouse and event.is_forwarded):

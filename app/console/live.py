@@ -239,7 +239,7 @@ class Host(Protocol):
     def leave(self) -> None:
         """Leave the session to itself."""
 
-    def send(self, kind: OperatorKind, action: Action | None = None, *, given_ns: int | None = None) -> int:
+    def send(self, kind: OperatorKind, action: Action | None = None, *, input_ns: int | None = None) -> int:
         """The operator's word to control, given then; its sequence comes back in the snapshot."""
 
     def heartbeat(self) -> None:

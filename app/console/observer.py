@@ -84,7 +84,7 @@ class ObserverHost:
             if link is not None:
                 link.close()
 
-    def send(self, kind: OperatorKind, action: Action | None = None, *, given_ns: int | None = None) -> int:  # noqa: ARG002
+    def send(self, kind: OperatorKind, action: Action | None = None, *, input_ns: int | None = None) -> int:  # noqa: ARG002
         """An observer gives no orders."""
         return 0
 

@@ -63,7 +63,7 @@ class SessionFlow(SignedInApp):
         self.kept: dict[str, Dialog[Any]] = {}
         self._lock: Dialog[Any] | None = None  # the newest; it may have been opened since
         self._beginning = asyncio.Lock()  # who waits for it finds the session that was begun meanwhile
-        self.given_ns: int | None = None  # when the input that is handled was given (monotonic); None: nobody dated it
+        self.input_ns: int | None = None  # when the input that is handled was given (monotonic); None: nobody dated it
         self._ending_held = False  # a training or an enrolment that was left held
 
     @property
@@ -245,7 +245,7 @@ class SessionFlow(SignedInApp):
     def command(self, kind: OperatorKind, action: Action | None = None) -> None:
         """Send an order of the operator's, as of the moment of its key; to none once the session has ended."""
         if self.live is not None:
-            self.live.host.send(kind, action, given_ns=self.given_ns)
+            self.live.host.send(kind, action, input_ns=self.input_ns)
 
     def tell_perception(self, command: PerceptionCommand) -> None:
         """To the session's camera; to none once the session has ended: what its screens asked for may come later."""

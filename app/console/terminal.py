@@ -31,7 +31,7 @@ from textual.drivers.linux_driver import LinuxDriver
 from textual.message import Message
 
 from app.console.charset import Substitutes, substitutes_for
-from app.console.given import date
+from app.console.input_time import stamp
 from app.console.pixels import QUESTION, Answers, PixelTerminal
 from app.console.stop import StopSwitch
 from app.system.scheduling import set_scheduling
@@ -182,7 +182,7 @@ class InputLoop(threading.Event):
         self._poller.register(fileno, select.POLLIN)
         self.thread: int | None = None
         self._fileno = fileno
-        self._turn_ns = self.given_ns = time.monotonic_ns()  # what is read in this turn was given since `given_ns`
+        self._turn_ns = self.input_ns = time.monotonic_ns()  # what is read in this turn was given since `input_ns`
         self._full = False  # in the turn before
 
     @property
@@ -198,8 +198,8 @@ class InputLoop(threading.Event):
         found = [events for _, events in self._poller.poll(0)]
         if any(events & _CLOSED for events in found):
             return True
-        before_ns, self._full = self.given_ns if self._full else before_ns, self._waiting() >= FULL
-        self.given_ns = before_ns if found else self._turn_ns  # the turn before read all there was then, or was full
+        before_ns, self._full = self.input_ns if self._full else before_ns, self._waiting() >= FULL
+        self.input_ns = before_ns if found else self._turn_ns  # the turn before read all there was then, or was full
         self._alive()
         return False
 
@@ -267,7 +267,7 @@ class TerminalDriver(LinuxDriver):
         """STOP is taken here, in the input thread."""
         if isinstance(message, events.Resize) and believed(*message.size) != message.size:  # said by the terminal
             message = events.Resize.from_dimensions(believed(*message.size), message.pixel_size)
-        date(message, self._input_loop.given_ns)
+        stamp(message, self._input_loop.input_ns)
         if not self._events.switch().takes(message):
             super().process_message(message)
 

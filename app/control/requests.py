@@ -273,7 +273,7 @@ def _record_stop(tick: Tick, command: OperatorCommand, by: StopSource, effect: E
 
 
 def _acknowledge(tick: Tick, command: OperatorCommand) -> None:
-    """It covers what was in force when it was sent: a STOP on its heels stays.
+    """It covers what was in force when its key was pressed: a STOP after that stays.
 
     So does a STOP that came in the same tick, whose event has not been raised yet: nothing is acknowledged beside it.
     """

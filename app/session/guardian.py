@@ -39,7 +39,7 @@ LATE_CHECK_NS = 12 * NS_PER_MS
 MISSED_CHECKS = 2
 OFF_NS = 300 * NS_PER_MS
 NAMING_NS = 1_200 * NS_PER_MS  # at most, of switching off: with wait and damping before, less than `END_PATIENCE_S`
-# Control awaits drives that do not answer for 1.4 s when it orders torque off, for 2.1 s when it powers them.
+# Longer than control awaits drives: by `hal.joints.can.lifecycle` 1.4 s for torque off, 2.5 s for power.
 WAIT_NS = 3_000 * NS_PER_MS
 # 25 checks read 6,400 frames a bus: more replies to control than a socket keeps waiting. 25 more ask every drive again.
 # Of checks that come late, on a busy machine, as many are needed: what is still waiting is no answer.

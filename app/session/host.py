@@ -216,14 +216,14 @@ class SessionHost:
             if self._host is not None:
                 self._host.close()
 
-    def send(self, kind: OperatorKind, action: Action | None = None, *, given_ns: int | None = None) -> int:
+    def send(self, kind: OperatorKind, action: Action | None = None, *, input_ns: int | None = None) -> int:
         """Send an operator command to control; returns its sequence, which control acknowledges.
 
-        given_ns: when its key was pressed (monotonic): by that control finds it too old, or a STOP later. None: now.
+        input_ns: when its key was pressed (monotonic): by that control finds it too old, or a STOP later. None: now.
         """
         with self._lock:
             self._sequence += 1
-            sent_ns = time.monotonic_ns() if given_ns is None else given_ns
+            sent_ns = time.monotonic_ns() if input_ns is None else input_ns
             if kind in STOP_KINDS:
                 self._stops[self._sequence] = self._lease, sent_ns
             if not self._closed:

@@ -19,7 +19,7 @@ class Command(Struct, frozen=True, kw_only=True, tag_field="kind", tag="command"
     released_ns: int = 0
     accepted_ns: int = 0
     pressed_ns: int = 0  # when the push that was released had pressed; 0: a key's request, or an older trail
-    requested_ns: int = 0  # a key's request: when it was sent
+    requested_ns: int = 0  # a key's request: when it was pressed
     settled: bool = False  # the legs were at rest
     in_force: tuple[str, ...] = ()  # events, strongest first
 
@@ -43,7 +43,7 @@ class Refusal(Struct, frozen=True, kw_only=True, tag_field="kind", tag="refusal"
     limit: Measured = None
     joint: str = ""
     pressed_ns: int = 0  # as of a command; 0 where it had been granted as well
-    requested_ns: int = 0  # a key's request: when it was sent
+    requested_ns: int = 0  # a key's request: when it was pressed
     settled: bool = False  # the legs were at rest
     in_force: tuple[str, ...] = ()  # events, strongest first
 

@@ -129,14 +129,14 @@ class _Console(Screen[T], Generic[T]):
 
     def dismiss(self, result: T | None = None) -> AwaitComplete:
         """Close it while it is on top; Textual closes whatever is: the screen below, or the lock above."""
-        self._answered_ns = self.console_app.given_ns
+        self._answered_ns = self.console_app.input_ns
         return super().dismiss(result) if self.is_active else AwaitComplete()
 
     def answering(self, then: Callable[[T | None], Any]) -> Callable[[T | None], Any]:
         """What is called with the answer, though later: what it commands was given with the answer."""
 
         def answer(result: T | None) -> Any:
-            self.console_app.given_ns = self._answered_ns
+            self.console_app.input_ns = self._answered_ns
             return then(result)
 
         return answer

@@ -16,7 +16,7 @@ from textual.widgets import Button, Input
 import app.console.app as application
 from app.console import session_flow
 from app.console.app import ConsoleApp
-from app.console.given import LATE_NS, date, date_of, is_late
+from app.console.input_time import LATE_NS, input_time_ns, is_late, stamp
 from app.console.screens.after import AfterScreen
 from app.console.screens.compare import CompareScreen
 from app.console.screens.dialogs import HealthPage, Question, TherapistAct
@@ -37,7 +37,7 @@ NEVER_LATE_S = -3600.0  # by its date it is given in an hour: however long the m
 def give(app: ConsoleApp, message: events.Event, ago_s: float) -> int:
     """As `TerminalDriver` does, which had it so long ago; its date."""
     at_ns = time.monotonic_ns() - int(ago_s * 1e9)
-    date(message, at_ns)
+    stamp(message, at_ns)
     assert app._driver is not None
     app._driver.process_message(message)
     return at_ns
@@ -72,9 +72,9 @@ async def stands(open_console: Console) -> None:
 def test_a_key_is_late_as_control_counts_it() -> None:
     assert ACT_STALE_MS * 1_000_000 == LATE_NS
     key = events.Key("a", "a")
-    assert date_of(key) is None
+    assert input_time_ns(key) is None
     assert not is_late(key, LATE_NS + 1), "nobody dated it"
-    date(key, 0)
+    stamp(key, 0)
     assert not is_late(key, LATE_NS)
     assert is_late(key, LATE_NS + 1)
 
@@ -233,7 +233,7 @@ async def test_a_command_carries_the_moment_of_its_key(
         await open_console.pilot.pause()
         at_ns, _ = press(app, keys[-1], "shift+f12")  # another key on its heels
         await open_console.until(lambda: kind in host.kinds())
-        assert host.given_ns[host.kinds().index(kind)] == at_ns != before_ns
+        assert host.input_ns[host.kinds().index(kind)] == at_ns != before_ns
 
 
 async def test_an_action_from_the_list_carries_the_moment_of_enter(console: Opener) -> None:
@@ -243,7 +243,7 @@ async def test_an_action_from_the_list_carries_the_moment_of_enter(console: Open
         (at_ns,) = press(app, "enter")
         await open_console.until(lambda: OperatorKind.ACT in host.kinds())
         assert host.sent == [(OperatorKind.ACT, Action.INITIALISE)]
-        assert host.given_ns == [at_ns]
+        assert host.input_ns == [at_ns]
 
 
 async def test_a_key_that_no_terminal_dated_counts_from_now(console: Opener) -> None:
@@ -253,7 +253,7 @@ async def test_a_key_that_no_terminal_dated_counts_from_now(console: Opener) -> 
         await open_console.until(lambda: isinstance(app.screen, HealthPage))
         await open_console.press("escape", "a")
         await open_console.until(lambda: OperatorKind.ARM in host.kinds())
-        assert host.given_ns == [None]
+        assert host.input_ns == [None]
 
 
 @pytest.fixture
@@ -276,26 +276,26 @@ def test_input_after_idle_turns_is_dated_by_the_newest(loop: InputLoop, pipe: tu
     for _ in range(3):
         before_ns = time.monotonic_ns()
         assert not loop.is_set()
-        assert before_ns <= loop.given_ns <= time.monotonic_ns()
+        assert before_ns <= loop.input_ns <= time.monotonic_ns()
     os.write(pipe[1], b"a")
-    assert before_ns <= loop.given_ns
+    assert before_ns <= loop.input_ns
 
 
 def test_input_that_waited_at_a_turn_is_dated_by_the_one_before(loop: InputLoop, pipe: tuple[int, int]) -> None:
     """As when the process was stopped anywhere between the two."""
     assert not loop.is_set()
-    looked_ns = loop.given_ns
+    looked_ns = loop.input_ns
     os.write(pipe[1], b"a")
     assert not loop.is_set()
-    assert loop.given_ns == looked_ns
+    assert loop.input_ns == looked_ns
     os.read(pipe[0], 1)
     between_ns = time.monotonic_ns()
     os.write(pipe[1], b"b")  # without a moment of silence, as when much is pasted
     assert not loop.is_set()
-    assert looked_ns < loop.given_ns <= between_ns
+    assert looked_ns < loop.input_ns <= between_ns
     os.read(pipe[0], 1)
     assert not loop.is_set()
-    assert loop.given_ns >= between_ns
+    assert loop.input_ns >= between_ns
 
 
 def test_all_that_waited_is_old_where_it_fills_more_than_one_turn() -> None:
@@ -306,17 +306,17 @@ def test_all_that_waited_is_old_where_it_fills_more_than_one_turn() -> None:
         loop = InputLoop(other, lambda: None)
         loop.thread = threading.get_ident()
         assert not loop.is_set()
-        looked_ns = loop.given_ns
+        looked_ns = loop.input_ns
         written = os.write(terminal, b"x" * 4095)
         assert not loop.is_set()
-        assert loop.given_ns == looked_ns
+        assert loop.input_ns == looked_ns
         os.read(other, 4096)
         os.write(terminal, b"a")
         assert not loop.is_set()
-        assert (written, loop.given_ns) == (4095, looked_ns)
+        assert (written, loop.input_ns) == (4095, looked_ns)
         os.read(other, 4096)
         assert not loop.is_set()
-        assert loop.given_ns > looked_ns
+        assert loop.input_ns > looked_ns
     finally:
         os.close(terminal)
         os.close(other)
@@ -325,10 +325,10 @@ def test_all_that_waited_is_old_where_it_fills_more_than_one_turn() -> None:
 class _StepsWhileEnding(FakeHost):
     """Its last steps come with the end of its control."""
 
-    def send(self, kind: OperatorKind, action: Action | None = None, *, given_ns: int | None = None) -> int:
+    def send(self, kind: OperatorKind, action: Action | None = None, *, input_ns: int | None = None) -> int:
         if kind is OperatorKind.SHUT_DOWN:
             walk_steps(self, 104)
-        return super().send(kind, action, given_ns=given_ns)
+        return super().send(kind, action, input_ns=input_ns)
 
 
 async def test_a_console_that_stood_still_while_the_legs_came_to_rest_stores_control_s_last_figures(

@@ -21,7 +21,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-from app.console.given import LATE_NS
+from app.console.input_time import LATE_NS
 from app.console.terminal import FRAME_TIMEOUT_S, TerminalOutput
 from app.ipc.states import ConsoleChange
 from app.session.shared import held_session, shared
@@ -50,10 +50,10 @@ beat = ConsoleApp._tick
 """
 FAKE = """
 class Reporting(FakeHost):
-    def send(self, kind, action=None, *, given_ns=None):
+    def send(self, kind, action=None, *, input_ns=None):
         with report.open("a") as file:
             file.write(kind.name + " ")
-        return super().send(kind, action, given_ns=given_ns)
+        return super().send(kind, action, input_ns=input_ns)
 
 def run():
     with hold_home(home):

@@ -134,7 +134,7 @@ def test_a_command_counts_from_its_key_and_without_one_from_now(tmp_path: Path) 
     with closing(OrderedReceiver(address(setup.links, OPERATOR.name), OperatorCommand)) as control:
         with console_of(setup) as console:
             before_ns = time.monotonic_ns()
-            console.send(OperatorKind.ACKNOWLEDGE, given_ns=before_ns - 7)
+            console.send(OperatorKind.ACKNOWLEDGE, input_ns=before_ns - 7)
             console.send(OperatorKind.ARM)
             acknowledged, armed = (control.receive(30.0) for _ in range(2))
         assert acknowledged is not None
