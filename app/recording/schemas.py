@@ -10,11 +10,11 @@ import json
 from dataclasses import dataclass
 from typing import Any
 
-import msgspec
 from msgspec import UNSET, Struct, UnsetType
 
 from logs.reason import Reason
 from logs.records import json_schema as trail_schema
+from logs.records import schema_of_struct
 
 Four = tuple[float | None, float | None, float | None, float | None]  # left hip, left knee, right hip, right knee
 Point2 = tuple[float, float]
@@ -265,7 +265,7 @@ FOXGLOVE = {
 def schema_of(topic: Topic) -> dict[str, Any]:
     """A topic's JSON Schema."""
     if not isinstance(topic.schema, str):
-        return {"title": topic.schema_name, **msgspec.json.schema(topic.schema)}
+        return {"title": topic.schema_name, **schema_of_struct(topic.schema)}
     return trail_schema() if topic.schema == "rleex.AuditRecord" else FOXGLOVE[topic.schema]
 
 

@@ -10,6 +10,7 @@ that does not report it) is null.
 
 from __future__ import annotations
 
+import inspect
 from typing import Any
 
 import msgspec
@@ -126,12 +127,20 @@ decode_record = msgspec.json.Decoder(Record).decode
 
 def json_schema() -> dict[str, Any]:
     """The schema of one line of a trail."""
-    schema: dict[str, Any] = msgspec.json.schema(Record)
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": f"rleex audit record, schema {SCHEMA}",
-        **schema,
+        **schema_of_struct(Record),
     }
+
+
+def schema_of_struct(struct: type[msgspec.Struct]) -> dict[str, Any]:
+    """msgspec's JSON Schema. Its descriptions are docstrings, which Python indents as in the source before 3.13."""
+    schema: dict[str, Any] = msgspec.json.schema(struct)
+    for definition in schema["$defs"].values():
+        if "description" in definition:
+            definition["description"] = inspect.cleandoc(definition["description"])
+    return schema
 
 
 def schema_text() -> str:
