@@ -14,7 +14,7 @@ from enum import Enum
 import numpy as np
 from numpy.typing import NDArray
 
-from kgdfa.button import STALE_NS
+from kgdfa.button_state import STALE_NS
 from kgdfa.frame_time import FRAME_NS
 from kgdfa.gesture import Explanation
 from kgdfa.hand import Hand, Keypoint

@@ -26,7 +26,7 @@ SLACK_SHARE = 0.10  # of the distance: keypoints scatter in proportion to it
 # nearer by less than a third.
 MOST_NEARER = 0.40
 FORGET_JUMP_NS = 300_000_000
-# One more than the gap that a press survives (button.GAP_FRAMES): a jump that stays ends the press before it is
+# One more than the gap that a press survives (button_state.GAP_FRAMES): a jump that stays ends the press before it is
 # believed, and a hand that jumps near has not come from outside.
 CONFIRM_FRAMES = 4
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from kgdfa.button import ButtonPlace, ButtonState
+from kgdfa.button_state import ButtonPlace, ButtonState
 from kgdfa.hand import INNER_HULL, OUTER_HULL, TIPS, FloatArray, Hand, Keypoint, hull
 from kgdfa.pipeline import Report
 from kgdfa.preprocess import Image

@@ -9,7 +9,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from kgdfa.button import ButtonMode, ButtonPlace, ButtonState
+from kgdfa.button_state import ButtonMode, ButtonPlace, ButtonState
 from kgdfa.commanding import Tracks, update_tracks
 from kgdfa.depth import ChosenDistance, DepthFault, DepthRange, choose_distance
 from kgdfa.distance import Distance, DistanceChoice, DistanceSource, RangeFinder

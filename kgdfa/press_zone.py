@@ -10,7 +10,7 @@ import math
 from dataclasses import asdict, dataclass
 from enum import Enum
 
-from kgdfa.button import HYSTERESIS
+from kgdfa.button_state import HYSTERESIS
 from kgdfa.distance import CEILING_OF_EQUATION, check_range_finder
 from kgdfa.errors import KgdfaError, KgdfaFault
 from kgdfa.gesture import Explanation

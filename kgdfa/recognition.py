@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from kgdfa.button import (
+from kgdfa.button import advance
+from kgdfa.button_state import (
     ButtonInput,
     ButtonMode,
     ButtonPlace,
     ButtonState,
-    advance,
     is_approaching,
     is_near,
     of_another_hand,

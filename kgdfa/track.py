@@ -15,7 +15,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from kgdfa.button import GAP_FRAMES
+from kgdfa.button_state import GAP_FRAMES
 from kgdfa.continuity import DOUBTFUL_FRAMES, MOST_FRAMES, Jump, jump_between
 from kgdfa.frame_time import FRAME_NS, have_lasted, row_has_lasted
 from kgdfa.gesture import Explanation, HandRefusal

@@ -28,7 +28,7 @@ from app.perception.frames import DecisionRecorder
 from app.perception.reporting import Scale
 from app.system.config import Config, SessionSetup
 from app.text.recorded import render_recorded
-from kgdfa.button import ButtonMode, ButtonPlace
+from kgdfa.button_state import ButtonMode, ButtonPlace
 from kgdfa.gesture import Decision, Explanation, Gesture, Verdict
 from kgdfa.pipeline import Report
 from kgdfa.recognition import FrameReading, Recognition, recognise

@@ -9,7 +9,7 @@ from itertools import accumulate, pairwise
 from msgspec import structs
 
 from app.perception.reporting import Scale, records_between
-from kgdfa.button import ButtonMode, ButtonPlace, PressCancel
+from kgdfa.button_state import ButtonMode, ButtonPlace, PressCancel
 from kgdfa.distance import DistanceChoice, DistanceSource
 from kgdfa.gesture import Decision, Explanation, Gesture, Verdict
 from kgdfa.pipeline import Report

@@ -29,7 +29,7 @@ from profiles.schema import DistanceUsed
 
 if TYPE_CHECKING:
     from hal.cameras.camera import Camera, DepthArray, Frame, ImageArray, Intrinsics
-    from kgdfa.button import ButtonPlace
+    from kgdfa.button_state import ButtonPlace
     from kgdfa.keypoints import HandDetector
     from kgdfa.pipeline import Pipeline, Report
 

@@ -14,7 +14,7 @@ from app.system.hand_model import find_model
 from app.system.paths import Home
 from hal.cameras.camera import Camera, Frame, IntrinsicsSource
 from hal.cameras.factory import open_camera
-from kgdfa.button import RADIUS_SHARE, ButtonMode, ButtonPlace
+from kgdfa.button_state import RADIUS_SHARE, ButtonMode, ButtonPlace
 from kgdfa.depth import LEAST_M, DepthRange
 from kgdfa.distance import DistanceChoice, PublishedRange, RangeFinder
 from kgdfa.gesture import RuleSet

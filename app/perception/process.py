@@ -35,7 +35,7 @@ from app.perception.reporting import (
 from app.system.config import SessionSetup
 from app.system.scheduling import avoid_control_core, gc_freeze, set_scheduling
 from hal.cameras.camera import Frame, Intrinsics
-from kgdfa.button import STALE_NS, ButtonMode, ButtonPlace
+from kgdfa.button_state import STALE_NS, ButtonMode, ButtonPlace
 from kgdfa.draw import draw
 from kgdfa.errors import KgdfaError
 from kgdfa.pipeline import Pipeline, PipelineInput, Report

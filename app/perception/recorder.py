@@ -9,7 +9,7 @@ from app.ipc.streams import RECORDING, LinkDirectory
 from app.perception.reporting import hand_frame
 from app.recording.schemas import HAND_TOPICS
 from app.recording.sink import RecordingSink
-from kgdfa.button import STALE_NS
+from kgdfa.button_state import STALE_NS
 from kgdfa.pipeline import Report
 from logs.records import RecordingSent
 

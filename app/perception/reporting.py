@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from app.ipc.messages import PerceptionCommand, Preview, TriggerReport
 from app.ipc.recording import HandFrame
-from kgdfa.button import ButtonState
+from kgdfa.button_state import ButtonState
 from kgdfa.gesture import Decision, Gesture
 from kgdfa.pipeline import Report
 from logs.reason import reason, reason_of

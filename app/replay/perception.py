@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from app.perception.frames import CONFIDENCE_DIGITS, ClassifiedFrame, button_of, records_at_end, unpack
 from app.perception.reporting import Scale, records_between
 from app.replay.difference import Difference, difference, differences
-from kgdfa.button import ButtonMode, ButtonPlace
+from kgdfa.button_state import ButtonMode, ButtonPlace
 from kgdfa.distance import Distance
 from kgdfa.gesture import Decision, Explanation, HandRefusal, Verdict
 from kgdfa.pipeline import Report

@@ -9,7 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kgdfa.button import (
+from kgdfa.button import advance
+from kgdfa.button_state import (
     APPROACH_M_S,
     GAP_FRAMES,
     HYSTERESIS,
@@ -22,7 +23,6 @@ from kgdfa.button import (
     ButtonState,
     PressCancel,
     PressHint,
-    advance,
     is_approaching,
 )
 from kgdfa.gesture import Gesture

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hal.minimum_jerk import minimum_jerk
-from kgdfa.button import GAP_FRAMES
+from kgdfa.button_state import GAP_FRAMES
 from kgdfa.distance import CONFIRM_FRAMES, HALF_PALM_M, Distance, OutlierState, PublishedRange, accept_distance
 from kgdfa.errors import KgdfaError, KgdfaFault
 from kgdfa.hand import FloatArray, Hand, Side

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from kgdfa.button import ButtonPlace, ButtonState
+from kgdfa.button_state import ButtonPlace, ButtonState
 from kgdfa.draw import BONE, PRESSED, RELEASED, Colour, depth_share, draw, draw_button
 from kgdfa.gesture import Gesture
 from kgdfa.hand import Keypoint

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from kgdfa.button import ButtonPlace
+from kgdfa.button_state import ButtonPlace
 from kgdfa.depth import DepthFault, DepthRange
 from kgdfa.distance import DistanceChoice
 from kgdfa.draw import draw

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import pytest
 
-from kgdfa.button import (
+from kgdfa.button_state import (
     LONGEST_PRESS_NS,
     SHORTEST_PRESS_NS,
     ButtonMode,

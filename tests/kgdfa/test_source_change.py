@@ -8,7 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from kgdfa.button import ButtonInput, ButtonMode, ButtonPlace, ButtonState, PressHint, advance
+from kgdfa.button import advance
+from kgdfa.button_state import ButtonInput, ButtonMode, ButtonPlace, ButtonState, PressHint
 from kgdfa.depth import ChosenDistance, choose_distance
 from kgdfa.distance import Distance, DistanceChoice, DistanceSource
 from kgdfa.gesture import Gesture

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from kgdfa import frame_time
-from kgdfa.button import GAP_FRAMES
+from kgdfa.button_state import GAP_FRAMES
 from kgdfa.commanding import EQUAL_CLAIM, STILL_NS, Tracks, update_tracks
 from kgdfa.continuity import DOUBTFUL_FRAMES, Jump
 from kgdfa.gesture import HandRefusal

@@ -14,7 +14,7 @@ from app.cli import cli
 from app.ipc.states import GESTURE_OF
 from app.text.catalogue import render, use_language
 from app.text.recorded import render_recorded
-from kgdfa.button import PressCancel
+from kgdfa.button_state import PressCancel
 from logs.disk import Disk
 from logs.errors import AuditError, AuditFault
 from logs.explain.hops import Explanation, Hop, Step, explain, explain_file

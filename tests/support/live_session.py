@@ -19,7 +19,7 @@ from app.ipc.states import Action, GaitState
 from app.perception.frames import DecisionRecorder, button_record
 from app.perception.reporting import with_report
 from hal.minimum_jerk import minimum_jerk
-from kgdfa.button import ButtonMode, ButtonPlace
+from kgdfa.button_state import ButtonMode, ButtonPlace
 from kgdfa.distance import DistanceChoice
 from kgdfa.gesture import Gesture
 from kgdfa.hand import Hand

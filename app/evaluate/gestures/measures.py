@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, mean, require_extra
 from app.evaluate.readings import GESTURE_NAMES, NO_HAND, SKIP, Footage, LabelledImage
 from app.system.errors import AppError
-from kgdfa.button import ButtonPlace
+from kgdfa.button_state import ButtonPlace
 from kgdfa.frame_time import have_lasted
 from kgdfa.gesture import END_FRAMES, VOTE_FRAMES, RuleSet, Verdict
 from kgdfa.hand import FloatArray

@@ -31,7 +31,7 @@ from app.perception.reporting import PreviewPacer
 from app.system.errors import AppError
 from app.system.scheduling import gc_freeze
 from app.text.catalogue import tr
-from kgdfa.button import ButtonPlace
+from kgdfa.button_state import ButtonPlace
 from kgdfa.draw import draw
 from kgdfa.pipeline import Pipeline, PipelineInput
 from kgdfa.preprocess import AsNeeded, Image

@@ -31,7 +31,7 @@ from app.system.errors import AppError
 from hal.cameras.camera import Intrinsics
 from hal.cameras.digital_hand.depth import DepthCamera
 from hal.cameras.digital_hand.render import Person, Scene, lens_for, person_of, posed, true_depth
-from kgdfa.button import ButtonState
+from kgdfa.button_state import ButtonState
 from kgdfa.distance import DistanceChoice, DistanceSource
 from kgdfa.hand import FloatArray, Hand
 from kgdfa.keypoints import HandDetector

@@ -17,7 +17,7 @@ from app.evaluate.trigger.table6 import replay_pipeline
 from app.text.catalogue import render
 from hal.cameras.camera import ImageArray, Intrinsics
 from hal.cameras.digital_hand.render import Person, lens_for, person_of, posed
-from kgdfa.button import ButtonState
+from kgdfa.button_state import ButtonState
 from kgdfa.distance import CEILING_OF_EQUATION
 from kgdfa.gesture import Gesture
 from kgdfa.hand import Hand

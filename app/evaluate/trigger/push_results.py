@@ -14,7 +14,7 @@ from rich.table import Table
 from app.demo.scenario import spread
 from app.evaluate.harness import percent, table
 from app.text.catalogue import render, tr
-from kgdfa.button import PressCancel, PressHint
+from kgdfa.button_state import PressCancel, PressHint
 from kgdfa.gesture import Gesture
 from logs.reason import Reason
 

@@ -24,7 +24,7 @@ from app.evaluate.trigger.table6 import chain
 from hal.cameras.digital_hand.driver import DigitalHandCamera
 from hal.cameras.digital_hand.movement import SETTLED, TREMOR_HZ, Tremor
 from hal.cameras.digital_hand.render import person_of
-from kgdfa.button import ButtonState
+from kgdfa.button_state import ButtonState
 from kgdfa.gesture import Gesture
 from kgdfa.pipeline import Pipeline, PipelineInput, Report
 from logs.reason import Reason, reason

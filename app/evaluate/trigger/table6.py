@@ -33,7 +33,7 @@ from hal.cameras.digital_hand.depth import DepthCamera
 from hal.cameras.digital_hand.render import Person, lens_for, person_of
 from hal.cameras.realsense import DEPTH_SIZE, RealSenseCamera
 from hal.cameras.software_realsense import SoftwareRealSense
-from kgdfa.button import ButtonMode, ButtonPlace
+from kgdfa.button_state import ButtonMode, ButtonPlace
 from kgdfa.depth import DepthRange
 from kgdfa.distance import DistanceChoice
 from kgdfa.hand import Hand

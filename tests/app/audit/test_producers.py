@@ -43,7 +43,7 @@ from app.system.vocabulary import enrolment_record
 from hal.errors import DrivesFault, HardwareError, StopInputFault
 from hal.joints.guard import Quantity, Refusal
 from hal.joints.protocol import TICK_NS, Joint
-from kgdfa.button import ButtonMode, ButtonPlace, ButtonState, PressCancel, PressHint
+from kgdfa.button_state import ButtonMode, ButtonPlace, ButtonState, PressCancel, PressHint
 from kgdfa.distance import DistanceChoice, DistanceSource
 from kgdfa.gesture import Explanation, Gesture
 from kgdfa.recognition import FrameReading

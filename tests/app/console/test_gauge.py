@@ -10,7 +10,7 @@ from app.console.widgets.gesture import _figure, gauge
 from app.ipc.messages import TriggerReport
 from app.perception.reporting import with_report
 from hal.minimum_jerk import minimum_jerk
-from kgdfa.button import ButtonPlace
+from kgdfa.button_state import ButtonPlace
 from kgdfa.gesture import Gesture
 from kgdfa.pipeline import Pipeline, PipelineInput, Report
 from kgdfa.published import PublishedRules

@@ -10,7 +10,7 @@ from app.console.widgets.panel import cells
 from app.ipc.messages import TriggerReport
 from app.perception.camera import PerceptionNote
 from app.text.catalogue import render
-from kgdfa.button import PressCancel, PressHint
+from kgdfa.button_state import PressCancel, PressHint
 from kgdfa.continuity import Jump
 from kgdfa.gesture import HandRefusal
 from logs.reason import reason

@@ -21,7 +21,7 @@ from app.perception.process import Perception
 from app.system.config import CameraConfig, Config, SessionSetup
 from hal.cameras.camera import Frame
 from hal.errors import CameraFault, HardwareError
-from kgdfa.button import STALE_NS, ButtonPlace, ButtonState
+from kgdfa.button_state import STALE_NS, ButtonPlace, ButtonState
 from kgdfa.errors import KgdfaFault
 from kgdfa.hand import Hand, Side
 from kgdfa.pipeline import PipelineInput, Report

@@ -15,7 +15,7 @@ from app.ipc.streams import RECORDING
 from app.perception.recorder import ReportRecorder
 from app.recording.schemas import BUTTON, HAND_TOPICS
 from app.recording.topics import of_hand
-from kgdfa.button import STALE_NS, ButtonState
+from kgdfa.button_state import STALE_NS, ButtonState
 from kgdfa.pipeline import Report
 from testing.fake_host import without_hand
 

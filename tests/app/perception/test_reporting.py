@@ -22,7 +22,8 @@ from app.perception.reporting import (
     with_report,
 )
 from app.text.catalogue import render
-from kgdfa.button import (
+from kgdfa.button import advance
+from kgdfa.button_state import (
     ButtonComparison,
     ButtonInput,
     ButtonMode,
@@ -30,7 +31,6 @@ from kgdfa.button import (
     ButtonState,
     PressCancel,
     PressHint,
-    advance,
 )
 from kgdfa.distance import Distance
 from kgdfa.gesture import Decision, Explanation, Gesture, HandRefusal, Verdict

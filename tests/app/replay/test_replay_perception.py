@@ -15,7 +15,7 @@ from app.perception.frames import DecisionRecorder, FrameBatch, button_of, butto
 from app.replay.difference import Difference
 from app.replay.perception import DECISIONS, NOT_REPLAYED
 from app.replay.session import replay
-from kgdfa.button import ButtonMode, ButtonPlace, PressCancel
+from kgdfa.button_state import ButtonMode, ButtonPlace, PressCancel
 from kgdfa.distance import Distance, DistanceChoice, DistanceSource
 from kgdfa.gesture import VOTE_FRAMES, Decision, Explanation, Gesture, Verdict
 from kgdfa.pipeline import Report

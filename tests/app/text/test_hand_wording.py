@@ -10,7 +10,7 @@ import pytest
 from app.perception.camera import PerceptionNote
 from app.perception.palm_calibration import PalmHint
 from app.text.catalogue import knows, render, use_language
-from kgdfa.button import PressCancel, PressHint
+from kgdfa.button_state import PressCancel, PressHint
 from kgdfa.errors import KgdfaFault
 from kgdfa.features import FEATURES, Feature, Measure
 from kgdfa.gesture import Decision, Explanation, Gesture

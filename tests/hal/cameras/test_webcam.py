@@ -17,7 +17,7 @@ from hal.cameras.intrinsics import assumed, save
 from hal.cameras.webcam import WebcamCamera
 from hal.cameras.webcam_list import find_webcam, list_webcams, same_webcam
 from hal.errors import CameraFault
-from kgdfa.button import ButtonMode, ButtonPlace
+from kgdfa.button_state import ButtonMode, ButtonPlace
 from kgdfa.gesture import Gesture
 from kgdfa.recognition import FrameReading, Recognition, recognise
 from tests.support.errors import refused

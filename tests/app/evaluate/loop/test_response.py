@@ -22,7 +22,7 @@ from app.system.config import Config
 from app.system.errors import AppError
 from app.system.paths import Home
 from app.text.catalogue import tr
-from kgdfa.button import PressCancel, PressHint
+from kgdfa.button_state import PressCancel, PressHint
 from kgdfa.gesture import Gesture
 from logs.reason import reason, reason_of
 from tests.app.demo.sessions import session_of
