@@ -19,10 +19,11 @@ import duckdb
 
 from logs.errors import AuditError, AuditFault
 from logs.findings import Finding, Status
-from logs.query import AS_EXPORTED, QUESTIONS, check_regular, first_line, open_limited, quoted, quoted_file, source_sql
+from logs.query import QUESTIONS
 from logs.read import session_paths
 from logs.reason import Reason, reason
 from logs.records import SCHEMA
+from logs.records_table import AS_EXPORTED, check_regular, first_line, open_limited, quoted, quoted_file, source_sql
 from logs.verify import Evidence, verify
 
 PARQUET = ".parquet"

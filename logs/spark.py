@@ -15,8 +15,9 @@ from contextlib import contextmanager
 from typing import Any
 
 from logs.errors import AuditError, AuditFault
-from logs.query import ANSWER_BYTES, BODY_COLUMNS, ENVELOPE_COLUMNS, SEAL, check_question, first_line, open_limited
+from logs.query import ANSWER_BYTES, check_question
 from logs.reading.errors import cause_of
+from logs.records_table import BODY_COLUMNS, ENVELOPE_COLUMNS, SEAL, first_line, open_limited
 from logs.sites import Site
 
 LOCAL = "127.0.0.1"
@@ -113,7 +114,7 @@ def load_sites(session: Any, sites: Sequence[Site]) -> None:
 
 
 def _trails(session: Any, site: Site) -> Any:
-    """The flat table over JSON Lines, as `logs.query` makes it. A line that does not match its hash becomes no row."""
+    """The table over JSON Lines, as `logs.records_table` makes it. A line that does not match its hash is no row."""
     from pyspark.sql import functions as f
 
     body = ", ".join(f"{name} {_TYPES[kind]}" for name, kind in BODY_COLUMNS.items())

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import duckdb
 
-from logs.query import BODY_COLUMNS, quoted
+from logs.records_table import BODY_COLUMNS, quoted
 from logs.spark import LOCAL
 
 _KINDS = "action-end command refusal event-raised joint-statistics stop"

@@ -21,7 +21,7 @@ from app.recording.writer import RecordingWriter
 from app.system.errors import AppError
 from app.system.paths import LockFault, find_home
 from app.text.catalogue import render
-from logs import query
+from logs import records_table
 from logs.errors import AuditError, AuditFault
 from logs.query import ask, connect_locked
 from testing.trails import write_sample
@@ -452,7 +452,7 @@ def test_a_query_ends_in_time_and_within_its_size(sql: str) -> None:
 
 
 def test_trails_that_do_not_fit_into_memory_are_refused(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(query._LIMITS, "memory_limit", "1MB")
+    monkeypatch.setitem(records_table._LIMITS, "memory_limit", "1MB")
     with pytest.raises(AuditError) as caught:
         connect_locked([SCHEMA1 / "logs"])
     assert caught.value.code is AuditFault.TRAIL_UNREADABLE

@@ -273,8 +273,9 @@ def query(
     home: HomeOption = None,
 ) -> None:
     """Query many sessions, of one site or several, at once."""
-    from logs.query import QUESTIONS, connect_locked, lines_of, omitted_lines
+    from logs.query import QUESTIONS, connect_locked
     from logs.query import ask as ask_sql
+    from logs.records_table import lines_of, omitted_lines
     from logs.sites import SITE_QUESTIONS
 
     if ask in SITE_QUESTIONS.keys() - QUESTIONS.keys():
@@ -295,8 +296,8 @@ def export(
     home: HomeOption = None,
 ) -> None:
     """Write all records as one Parquet table; patients' pseudonyms stay."""
-    from logs.query import connect, lines_of, omitted_lines
-    from logs.query import export as write
+    from logs.records_table import connect, lines_of, omitted_lines
+    from logs.records_table import export as write
 
     places = at or [find_home(home).logs]
     lines = lines_of(places)

@@ -18,9 +18,10 @@ from logs.errors import AuditError, AuditFault
 from logs.journal import CHANGES, Moment, append_signed
 from logs.keys import load_or_make_key
 from logs.mirror import CheckpointCopy
-from logs.query import QUESTIONS, as_json, as_table, ask, connect, export, lines_of, omitted_lines
+from logs.query import QUESTIONS, as_json, as_table, ask
 from logs.read import records, session_paths
 from logs.reason import Reason, reason
+from logs.records_table import connect, export, lines_of, omitted_lines
 from logs.writer import SessionWriter
 from testing.trails import write_sample
 from tests.support.audit_trails import START, moment, write_session

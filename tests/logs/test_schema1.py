@@ -13,9 +13,10 @@ from app.text.recorded import render_recorded
 from logs import records as r
 from logs.findings import Finding, Status
 from logs.keys import by_fingerprint, known_keys, read_anchors
-from logs.query import ask, connect
+from logs.query import ask
 from logs.read import read, records
 from logs.reason import Reason
+from logs.records_table import connect
 from logs.report.page import report
 from logs.show import Filter, RecordSelector, line_of
 from logs.verify import Evidence, exit_status, verify

@@ -10,10 +10,11 @@ import pytest
 
 from logs.errors import AuditError, AuditFault
 from logs.keys import by_fingerprint, known_keys
-from logs.query import QUESTIONS, ask, connect, export
+from logs.query import QUESTIONS, ask
 from logs.read import outline, records
 from logs.reason import key_of
 from logs.records import ActionEnd
+from logs.records_table import connect, export
 from logs.sites import SITE_QUESTIONS, SiteState, check_site, connect_sites, find_sites
 from logs.verify import Evidence
 from testing.engines import write_sites

@@ -12,7 +12,8 @@ from typing import Any
 import pytest
 
 from logs.errors import AuditError, AuditFault
-from logs.query import ask, export
+from logs.query import ask
+from logs.records_table import export
 from logs.sites import SITE_QUESTIONS, Site, connect_sites, find_sites
 from testing.engines import same, spark_cluster, write_sites
 from testing.trails import write_sample
@@ -81,7 +82,7 @@ def test_trails_and_exports_get_equal_answers(session: Any, recorded: list[Site]
 
 
 def test_every_column_of_every_record_is_the_same(session: Any, recorded: list[Site]) -> None:
-    from logs.query import BODY_COLUMNS
+    from logs.records_table import BODY_COLUMNS
 
     columns = ", ".join(["site", "session", "sequence", "wall", "monotonic_ns", "patient", "body", *BODY_COLUMNS])
     ours, theirs = both(session, recorded, f"SELECT {columns} FROM records ORDER BY site, session, sequence")
