@@ -32,8 +32,9 @@ from app.control.inputs import (
     update_streams,
     without_stale_report,
 )
+from app.control.operator_commands import end_unattended, handle_operator_commands
 from app.control.pause import paused_too_long, track_pause
-from app.control.requests import arbitrate, end_unattended, handle_gesture, handle_operator_commands, lacks_preflight
+from app.control.requests import arbitrate, handle_gesture, lacks_preflight
 from app.control.running_action import Stage, measure, note_command
 from app.control.silence import update_silences
 from app.control.state import ControlState, Tick

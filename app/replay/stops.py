@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from app.control.events.row import Latch
 from app.control.events.table import ORDER, ROW
 from app.control.gait.machine import Change, Gait
-from app.control.requests import presses_after
+from app.control.operator_commands import presses_after
 from app.ipc.states import Effect, Event, Outcome, StopSource
 from app.replay.difference import Difference, difference, differences
 from logs import records as r

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from msgspec.structs import replace
 
 from app.control.inputs import Settings
-from app.control.requests import admits
+from app.control.operator_commands import admits
 from app.control.step import END_HOLD_NS
 from app.ipc.messages import STOP_KINDS, OperatorCommand, OperatorKind
 from app.ipc.states import ConsoleChange, Effect, Event, GaitState
