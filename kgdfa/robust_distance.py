@@ -1,10 +1,4 @@
-"""Eq. 4 freed from the hand's tilt: the palm as a flat, rigid shape, and its distance fused from three readings.
-
-Tilting shortens lengths across the tilt's axis and leaves those along it as they are. So the largest stretch of
-the map from the palm's own plane to the image (its first singular value) is that of a palm that faces the
-camera, whatever the tilt: Eq. 4 without its error. The ratio of the two singular values is the tilt's cosine.
-A mirrored map (left hand, back of the hand) has the same singular values.
-"""
+"""Eq. 4 freed from the hand's tilt: a distance fused from three readings, and one that leans to the far side."""
 
 from __future__ import annotations
 
@@ -12,7 +6,6 @@ import math
 import statistics
 from collections.abc import Sequence
 from dataclasses import dataclass
-from operator import mul
 
 import cv2
 import numpy as np
@@ -26,20 +19,10 @@ from kgdfa.distance import (
     accept_distance,
     check_range_finder,
 )
-from kgdfa.hand import Hand, Keypoint
+from kgdfa.hand import Hand
+from kgdfa.palm_shape import FORE, LITTLE, RIGID, PalmView, Points, centre_offset, view_palm
 
-# The part of the palm that moves as one piece; the thumb's base is left out.
-RIGID = (Keypoint.WRIST, Keypoint.INDEX_MCP, Keypoint.MIDDLE_MCP, Keypoint.RING_MCP, Keypoint.PINKY_MCP)
-
-# Their places in the palm's plane in reference segments from keypoint 21, as MediaPipe marks them on a flat palm that
-# faces the camera: median of six digital hands at 35 cm (`rleex evaluate distance` uses other hands).
-SHAPE = np.array([(0.016, 1.395), (0.477, -0.121), (0.139, -0.174), (-0.179, -0.082), (-0.477, 0.121)])
-_FORE, _LITTLE = RIGID.index(Keypoint.INDEX_MCP), RIGID.index(Keypoint.PINKY_MCP)
 _RIGID_ROWS = np.array(RIGID)
-# Plain numbers from here on: of so few, NumPy's arithmetic takes longer to start than to do.
-_ACROSS, _ALONG = (SHAPE - SHAPE.mean(axis=0)).T.tolist()
-_SOLVE_ACROSS, _SOLVE_ALONG = np.linalg.pinv(SHAPE - SHAPE.mean(axis=0)).tolist()
-Points = Sequence[Sequence[float]]  # the keypoints RIGID, (5, 2) or (5, 3)
 
 MAX_MISFIT = 0.16  # keypoints further from any flat palm are none: 99.9 % of well-seen hands are below 0.15
 # Seen nearly edge on, a palm is a line whose length depends on the guess where its keypoints are: of idle hands turning
@@ -66,62 +49,13 @@ MOST_DISAGREEMENT = 0.30
 FLOOR_OF_EQUATION = 1.03
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class PalmView:
-    """What an image of the palm gives. stretch: length on the image of one reference segment that lies across the view.
-
-    along: 0-1, whether that stretch runs along the palm (1, wrist to knuckles) or across it (0).
-    misfit: what no flat palm explains, as a share of the palm's size; about 0.05 for a hand well seen.
-    """
-
-    stretch: float
-    tilt_rad: float
-    along: float
-    misfit: float
-
-
-def view_palm(rigid: Points) -> PalmView:
-    """Fit the palm's shape to the keypoints RIGID, (5, 2) in any unit of length; the stretch has that unit."""
-    x, y = (sum(axis) / len(rigid) for axis in zip(*rigid, strict=True))
-    xs, ys = [point[0] - x for point in rigid], [point[1] - y for point in rigid]
-    # The affine map: one reference segment across the palm becomes (a, b) on the image, one along it (c, d).
-    a, b = _dot(_SOLVE_ACROSS, xs), _dot(_SOLVE_ACROSS, ys)
-    c, d = _dot(_SOLVE_ALONG, xs), _dot(_SOLVE_ALONG, ys)
-    # Its singular values, and how much of the first one's direction is along the palm.
-    mean, half = (a * a + b * b + c * c + d * d) / 2, (a * a + b * b - c * c - d * d) / 2
-    apart = math.hypot(half, a * c + b * d)
-    long = math.sqrt(mean + apart)
-    cosine = min(1.0, abs(a * d - b * c) / long**2) if long > 0 else 0.0
-    size = math.hypot(*xs, *ys)
-    rest = (
-        *(across * a + along * c - x for across, along, x in zip(_ACROSS, _ALONG, xs, strict=True)),
-        *(across * b + along * d - y for across, along, y in zip(_ACROSS, _ALONG, ys, strict=True)),
-    )
-    return PalmView(
-        stretch=long,
-        tilt_rad=math.acos(cosine),
-        along=(1 - half / apart) / 2 if apart > 0 else 0.0,
-        misfit=math.hypot(*rest) / size if size > 0 else math.inf,
-    )
-
-
-def centre_offset(world: Points) -> float:
-    """How much farther keypoint 21 is from the camera than the middle of the rigid part, in reference segments.
-
-    world: (5, 3) keypoints in any unit, z away from the camera.
-    """
-    reference = math.dist(world[_FORE], world[_LITTLE])
-    middle = (world[_FORE][2] + world[_LITTLE][2]) / 2
-    return (middle - sum(point[2] for point in world) / len(world)) / reference if reference > 0 else 0.0
-
-
 def _readings(observed: Points, world_m: Points, view: PalmView) -> tuple[float, float, float]:
     """Distance of keypoint 21 in reference segments: by the palm's shape, by 5-17 in perspective, by Eq. 4.
 
     observed: (5, 2) as a camera looking at keypoint 21 sees them, world_m: (5, 3) as MediaPipe gives them.
     """
     by_shape = 1 / view.stretch + centre_offset(world_m)
-    by_equation = 1 / math.dist(observed[_FORE], observed[_LITTLE])
+    by_equation = 1 / math.dist(observed[FORE], observed[LITTLE])
     return by_shape, _by_perspective(observed, world_m), by_equation
 
 
@@ -130,11 +64,11 @@ def _by_perspective(observed: Points, world_m: Points) -> float:
 
     Each is at (X + x, Y + y, Z + z) and seen at u = (X + x)/(Z + z): linear in X, Y, Z, solved for Z.
     """
-    reference = math.dist(world_m[_FORE], world_m[_LITTLE])
+    reference = math.dist(world_m[FORE], world_m[LITTLE])
     if not reference > 0:
         return math.nan
-    x, y, z = ((fore - little) / reference for fore, little in zip(world_m[_FORE], world_m[_LITTLE], strict=True))
-    (u, v), (r, s) = observed[_FORE], observed[_LITTLE]
+    x, y, z = ((fore - little) / reference for fore, little in zip(world_m[FORE], world_m[LITTLE], strict=True))
+    (u, v), (r, s) = observed[FORE], observed[LITTLE]
     wanted = (x - (u + r) * z / 2, y - (v + s) * z / 2)
     return ((u - r) * wanted[0] + (v - s) * wanted[1]) / ((u - r) ** 2 + (v - s) ** 2)
 
@@ -149,11 +83,6 @@ def _turned_to(x: float, y: float, rays: Points) -> tuple[list[tuple[float, floa
         turn, ahead = 1 + beside / (1 + cosine), cosine + beside
         turned.append(((u - a * turn) / ahead, (v - b * turn) / ahead))
     return turned, cosine
-
-
-def _dot(one: Sequence[float], other: Sequence[float]) -> float:
-    total: float = sum(map(mul, one, other))
-    return total
 
 
 def _scatter(values: Sequence[float]) -> float:
@@ -280,7 +209,7 @@ class RobustRange:
         The world landmarks are seen so, too. And the cosine from that view's distance to one along the camera's axis.
         """
         focal_px = self._focal_px
-        (x, y), (u, v) = points_px[_FORE], points_px[_LITTLE]
+        (x, y), (u, v) = points_px[FORE], points_px[LITTLE]
         left_px, top_px = self._centre_px or ((x + u) / 2, (y + v) / 2)
         flat: Points = [((x - left_px) / focal_px, (y - top_px) / focal_px) for x, y in points_px]
         if self._centre_px is None:
@@ -288,7 +217,7 @@ class RobustRange:
         if self._distortion is not None:
             undistorted = cv2.undistortPoints(np.array([flat]), np.eye(3), self._distortion)
             flat = np.asarray(undistorted, np.float64).reshape(-1, 2).tolist()
-        (x, y), (u, v) = flat[_FORE], flat[_LITTLE]
+        (x, y), (u, v) = flat[FORE], flat[LITTLE]
         return _turned_to((x + u) / 2, (y + v) / 2, flat)
 
     def _shows(self, point_px: Sequence[float]) -> bool:

@@ -13,7 +13,8 @@ from kgdfa.button_state import GAP_FRAMES
 from kgdfa.distance import CONFIRM_FRAMES, HALF_PALM_M, Distance, OutlierState, PublishedRange, accept_distance
 from kgdfa.errors import KgdfaError, KgdfaFault
 from kgdfa.hand import FloatArray, Hand, Side
-from kgdfa.robust_distance import REFERENCE_HOLDS_M, RIGID, SHAPE, RobustRange, view_palm
+from kgdfa.palm_shape import RIGID, SHAPE, view_palm
+from kgdfa.robust_distance import REFERENCE_HOLDS_M, RobustRange
 
 FOCAL_PX = 900.0
 CENTRE_PX = (640.0, 360.0)

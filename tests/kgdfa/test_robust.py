@@ -14,8 +14,9 @@ from hal.cameras.digital_hand.skeleton import ACROSS_THUMB, GESTURES, LOOK_ALIKE
 from kgdfa.errors import KgdfaError, KgdfaFault
 from kgdfa.features import FEATURES
 from kgdfa.gesture import Decision, Explanation, Finger, Gesture
+from kgdfa.gesture_needs import NEEDS, Condition, missing_condition
 from kgdfa.hand import FloatArray, Hand, Side
-from kgdfa.robust import NEEDS, Condition, RobustModel, RobustRules, load_model, missing_condition, save_model
+from kgdfa.robust import RobustModel, RobustRules, load_model, save_model
 from tests.support.known_hands import known_hand
 
 RULES = RobustRules()

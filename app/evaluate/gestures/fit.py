@@ -17,8 +17,9 @@ from app.evaluate.gestures.synthetic import HandSynthesizer
 from app.evaluate.gestures.thresholds import choose_thresholds
 from app.evaluate.harness import require_extra
 from app.evaluate.readings import GESTURE_NAMES, NO_HAND
+from kgdfa.gesture_needs import missing_condition
 from kgdfa.hand import FloatArray, Side
-from kgdfa.robust import GESTURES, RobustModel, missing_condition
+from kgdfa.robust import GESTURES, RobustModel
 
 if TYPE_CHECKING:
     from sklearn.neural_network import MLPClassifier

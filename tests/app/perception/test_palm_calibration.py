@@ -9,8 +9,9 @@ from app.perception.palm_calibration import WANTED_SAMPLES, PalmHint, PalmSample
 from app.system.errors import AppError
 from hal.cameras.camera import EndOfRecording, Frame, Intrinsics, IntrinsicsSource
 from kgdfa.hand import Hand, Side
+from kgdfa.palm_shape import RIGID, SHAPE
 from kgdfa.preprocess import Image
-from kgdfa.robust_distance import RIGID, SHAPE, RobustRange
+from kgdfa.robust_distance import RobustRange
 from profiles.errors import ProfileError
 from profiles.schema import Profile, Sex
 

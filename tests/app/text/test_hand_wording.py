@@ -14,9 +14,10 @@ from kgdfa.button_state import PressCancel, PressHint
 from kgdfa.errors import KgdfaFault
 from kgdfa.features import FEATURES, Feature, Measure
 from kgdfa.gesture import Decision, Explanation, Gesture
+from kgdfa.gesture_needs import Condition
 from kgdfa.press_zone import ZoneAssessment, press_zone
 from kgdfa.published import Constraint, PublishedRules
-from kgdfa.robust import Condition, Limit, RobustRules
+from kgdfa.robust import Limit, RobustRules
 from logs.reason import key_of, reason
 from profiles.errors import ProfileFault
 from profiles.palm import PalmFinding, ReferenceSource, explain_estimate, palm_estimate, reference_segment
