@@ -13,7 +13,7 @@ from typing import Any
 
 import can
 
-from app.diagnostics.doctor import run
+from app.diagnostics.doctor_codes import run
 from app.diagnostics.findings import Finding, bad, good, note
 from hal.errors import HardwareError
 from hal.joints.can.bus import open_bus, remedy_command

@@ -18,9 +18,10 @@ from typer.testing import CliRunner
 
 from app.cli import cli
 from app.demo.two_hosts import free_port
-from app.diagnostics import doctor
+from app.diagnostics import computer, doctor
 from app.diagnostics.can_doctor import CanFinding, CanRemedy
-from app.diagnostics.doctor import DoctorFinding as F
+from app.diagnostics.doctor_codes import DoctorFinding as F
+from app.diagnostics.doctor_codes import Remedy, Subject, run
 from app.diagnostics.findings import Finding, Grade, note, show
 from app.link.keys import Peer, add_peer
 from app.link.server import JointsServer
@@ -45,22 +46,22 @@ def rendered(finding: Finding) -> str:
 
 
 def test_every_finding_and_remedy_has_its_text() -> None:
-    for code in (*F, *doctor.Remedy, *doctor.Subject, *CanFinding, *CanRemedy):
+    for code in (*F, *Remedy, *Subject, *CanFinding, *CanRemedy):
         assert knows(key_of(code)), code
 
 
 def test_a_missing_model_is_bad_and_mended_by_its_command(tmp_path: Path) -> None:
     finding = one(doctor.check_model(Home(tmp_path), Config()))
-    assert (finding.grade, finding.remedy) == (Grade.BAD, doctor.run("rleex model"))
+    assert (finding.grade, finding.remedy) == (Grade.BAD, run("rleex model"))
 
 
 def test_a_model_that_is_damaged_or_wrongly_named_has_a_remedy_of_its_own(tmp_path: Path) -> None:
     home = Home(tmp_path)
     home.models.mkdir()
     (home.models / MODEL_NAME).write_bytes(b"damaged")
-    assert one(doctor.check_model(home, Config())).remedy == doctor.run("rleex model --again")
+    assert one(doctor.check_model(home, Config())).remedy == run("rleex model --again")
     named = one(doctor.check_model(home, Config(model=str(tmp_path / "none.task"))))
-    assert named.remedy == reason(doctor.Remedy.EDIT_SETTINGS, path=home.config)
+    assert named.remedy == reason(Remedy.EDIT_SETTINGS, path=home.config)
 
 
 @pytest.mark.parametrize(
@@ -103,7 +104,7 @@ def test_keys_of_the_link_that_can_not_be_read_are_a_finding(tmp_path: Path) -> 
         answers, keys = doctor.check_link(laptop, Config(joints=JointsConfig(host=host)))
     assert (answers.grade, keys.grade) == (Grade.GOOD, Grade.BAD)
     assert keys.what == reason(LinkFault.KEYS_DAMAGED, path=peers)
-    assert keys.remedy == doctor.run(f"rm {peers} && rleex link pair {host}")
+    assert keys.remedy == run(f"rm {peers} && rleex link pair {host}")
 
 
 def test_a_webcam_that_is_named_but_missing_is_bad(tmp_path: Path) -> None:
@@ -128,7 +129,7 @@ def test_without_a_webcam_the_camera_in_use_is_named_in_the_language_in_use(tmp_
 def test_findings_stand_in_a_column(language: str, capsys: pytest.CaptureFixture[str]) -> None:
     use_language(language)
     what = Reason("camera.good")
-    show(Console(width=200), [note(subject, what) for subject in (*doctor.Subject, "slcan-left-hip")])
+    show(Console(width=200), [note(subject, what) for subject in (*Subject, "slcan-left-hip")])
     *lines, longer = capsys.readouterr().out.splitlines()
     assert {cell_len(line.removesuffix(tr("camera.good"))) for line in lines} == {14}
     assert "slcan-left-hip " in longer
@@ -150,19 +151,19 @@ def test_a_webcam_that_may_not_be_opened_names_the_group(tmp_path: Path) -> None
     ],
 )
 def test_terminals_are_distinguished(environment: dict[str, str], grade: Grade, code: F) -> None:
-    finding = one(doctor.check_terminal(environment, is_terminal=True))
+    finding = one(computer.check_terminal(environment, is_terminal=True))
     assert finding.grade is grade
     assert finding.what.code == key_of(code)
 
 
 def test_a_locale_without_utf8_is_noted() -> None:
-    findings = list(doctor.check_terminal({"TERM": "xterm-kitty", "LANG": "C"}, is_terminal=True))
+    findings = list(computer.check_terminal({"TERM": "xterm-kitty", "LANG": "C"}, is_terminal=True))
     assert findings[-1].what.code == key_of(F.LOCALE_NOT_UTF8)
 
 
 def test_looking_at_real_time_leaves_the_process_as_it_was() -> None:
     before = os.sched_getscheduler(0)
-    assert any("core" in rendered(finding) for finding in doctor.check_real_time())
+    assert any("core" in rendered(finding) for finding in computer.check_real_time())
     assert os.sched_getscheduler(0) == before
 
 
@@ -173,14 +174,14 @@ def test_fifo_is_allowed_if_the_guardians_priority_is(monkeypatch: pytest.Monkey
             raise PermissionError
 
     monkeypatch.setattr(os, "sched_setscheduler", schedule)
-    assert next(doctor.check_real_time()).what.code == key_of(code)
+    assert next(computer.check_real_time()).what.code == key_of(code)
 
 
 def test_keys_that_others_may_read_are_bad(tmp_path: Path) -> None:
     home = Home(tmp_path)
     home.keys.mkdir()
     home.keys.chmod(0o755)
-    grades = [finding.grade for finding in doctor.check_disk(home, Config())]
+    grades = [finding.grade for finding in computer.check_disk(home, Config())]
     assert grades[-1] is Grade.BAD
 
 
@@ -193,7 +194,7 @@ def test_keys_that_others_may_read_are_bad(tmp_path: Path) -> None:
     ],
 )
 def test_where_buses_are_logged_a_disk_must_last_a_day(tmp_path: Path, joints: JointsConfig, grade: Grade) -> None:
-    found = one(doctor.check_disk(Home(tmp_path), Config(joints=joints), lambda _: 3_000_000_000))
+    found = one(computer.check_disk(Home(tmp_path), Config(joints=joints), lambda _: 3_000_000_000))
     assert found.grade is grade
 
 
@@ -217,12 +218,12 @@ class StillContact:
     ("reading", "grade", "what", "remedy"),
     [
         (ContactReading(Contact.CLOSED), Grade.GOOD, F.STOP_BUTTON_CLOSED, None),
-        (ContactReading(Contact.OPEN), Grade.BAD, F.STOP_BUTTON_OPEN, doctor.Remedy.RELEASE_BUTTON),
-        (ContactReading(Contact.SILENT), Grade.BAD, F.STOP_BUTTON_SILENT, doctor.Remedy.CONNECT_BUTTON),
+        (ContactReading(Contact.OPEN), Grade.BAD, F.STOP_BUTTON_OPEN, Remedy.RELEASE_BUTTON),
+        (ContactReading(Contact.SILENT), Grade.BAD, F.STOP_BUTTON_SILENT, Remedy.CONNECT_BUTTON),
     ],
 )
 def test_a_stop_button_is_found_as_its_contact_is(
-    reading: ContactReading, grade: Grade, what: F, remedy: doctor.Remedy | None
+    reading: ContactReading, grade: Grade, what: F, remedy: Remedy | None
 ) -> None:
     pendant = InputDevice(name="pendant", role=InputRole.WEARER, kind="can", can_id=0x181)
     finding = one(doctor.check_stop_buttons(Config(inputs=(pendant,)), lambda *_: StillContact(reading)))
