@@ -173,7 +173,7 @@ def _act(tick: Tick, command: OperatorCommand) -> None:
 
 
 def _torque_off(tick: Tick, _: OperatorCommand) -> None:
-    """The joints are switched off when they are fully damped (see `step`), never while stiff."""
+    """The joints are switched off when they are fully damped (see `disable_drives`), never while stiff."""
     if tick.state.motion.mode is Mode.DAMPED:
         tick.update(torque_off=True)
     elif tick.state.motion.mode is Mode.DISABLED:

@@ -10,42 +10,24 @@ from math import isfinite
 from msgspec.structs import replace
 
 from app.control.diagnostics import JointDiagnostics, PlanningDiagnostics, SessionDiagnostics, collect_diagnostics
+from app.control.effects import END_HOLD_NS, apply_effect, apply_torque_off, disable_drives
 from app.control.events.programs import CLOCK_STEP_S
-from app.control.events.table import ROW, RaisedEvent, RaisedEvents, advance, compared_fields, displaced, walk_ender
-from app.control.executor import (
-    accept_plans,
-    advance_action,
-    next_step_missing,
-    planner_timed_out,
-    probe_planner,
-    step_onward,
-    stop_action,
-)
-from app.control.gait.machine import Change
-from app.control.inputs import (
-    DriveNotice,
-    DriveOrder,
-    Inputs,
-    Outputs,
-    Settings,
-    initial_streams,
-    update_streams,
-    without_stale_report,
-)
+from app.control.events.table import ROW, RaisedEvent, RaisedEvents, advance, compared_fields
+from app.control.executor import accept_plans, advance_action, next_step_missing, planner_timed_out, probe_planner
+from app.control.inputs import Inputs, Outputs, Settings, initial_streams, update_streams, without_stale_report
 from app.control.operator_commands import end_unattended, handle_operator_commands
 from app.control.pause import paused_too_long, track_pause
 from app.control.requests import arbitrate, handle_gesture, lacks_preflight
-from app.control.running_action import Stage, measure, note_command
+from app.control.running_action import measure, note_command
 from app.control.silence import update_silences
 from app.control.state import ControlState, Tick
 from app.control.stop_inputs import input_records, reader_age_ns, update_stop_inputs
-from app.ipc.states import Effect, Event, RequestRefusal
-from app.ipc.streams import AUDIT_HEALTH, DAMP_NS, GUARDIAN, NS_PER_MS, OPERATOR, TRIGGER
+from app.ipc.states import Effect, Event
+from app.ipc.streams import AUDIT_HEALTH, GUARDIAN, NS_PER_MS, OPERATOR, TRIGGER
 from app.motion import follower
 from app.motion.follower import Mode
-from hal.joints.device import Joint
 from logs import records
-from logs.reason import Reason, reason
+from logs.reason import reason
 
 # The stream whose heartbeat is missing while the event is present.
 STREAM_OF = {
@@ -54,7 +36,6 @@ STREAM_OF = {
     Event.AUDIT_TIMEOUT: AUDIT_HEALTH,
     Event.GUARDIAN_TIMEOUT: GUARDIAN,
 }
-END_HOLD_NS = 400 * NS_PER_MS  # a session that ends holds first, longer than a hold takes; then it damps
 
 
 def initial_state(inputs: Inputs) -> ControlState:
@@ -73,14 +54,14 @@ def step(state: ControlState, inputs: Inputs, settings: Settings) -> tuple[Contr
     end_unattended(tick)
     _update_stop_inputs(tick)
     _update_events(tick)
-    _apply_effect(tick)
+    apply_effect(tick)
     track_pause(tick)
     probe_planner(tick)
     arbitrate(tick)
-    _apply_torque_off(tick)
+    apply_torque_off(tick)
     accept_plans(tick)
     advance_action(tick)
-    _disable_drives(tick)
+    disable_drives(tick)
     _advance_motion(tick)
     return tick.state, tick.outputs()
 
@@ -154,75 +135,6 @@ def _note_silence(tick: Tick, joints: JointDiagnostics, sank: bool) -> None:
         )
 
 
-def _apply_effect(tick: Tick) -> None:
-    """Apply the strongest effect in force, before any request is answered."""
-    effect = tick.state.effect
-    if tick.state.motion.mode is not Mode.DISABLED and not tick.state.streams.powered:
-        _lose_power(tick)
-    elif effect is Effect.DAMP:
-        _interrupt(tick)
-        _damp(tick)
-    elif effect is Effect.HOLD and tick.state.gait.running is not None:
-        _interrupt(tick)
-    elif displaced(tick.state.events) and tick.state.gait.running is None:
-        tick.change_gait(Change.INTERRUPTED)
-    elif effect is Effect.REFUSE and tick.state.gait.walking:
-        _end_walk(tick)
-
-
-def _apply_torque_off(tick: Tick) -> None:
-    """End what waits for its plan or for power, though it was requested, or is planned, in the same tick."""
-    torque_off = tick.drives is DriveOrder.DISABLE or tick.state.torque_off
-    if torque_off and tick.state.running is not None:
-        _interrupt(tick, reason(RequestRefusal.TORQUE_OFF))
-
-
-def _damp(tick: Tick) -> None:
-    """Ramp to damping; without a ramp what is not held any more, whatever was commanded."""
-    state = tick.state
-    if state.motion.mode is not Mode.DISABLED:
-        tick.unheld = _unheld(state)
-        tick.update(motion=follower.ramp_to_damping(state.motion, tick.unheld))
-    elif state.streams.powered:
-        tick.update(motion=follower.start_damped(tick.settings.gains))
-
-
-def _unheld(state: ControlState) -> frozenset[Joint]:
-    """The joints that the guardian has damped or switched off, or that have sunk while they did not answer."""
-    in_force = {one.event for one in state.events if one.in_force}
-    if Event.GUARDIAN_ACTED in in_force:
-        return frozenset(Joint)
-    return state.sunk
-
-
-def _interrupt(tick: Tick, why: Reason | None = None) -> None:
-    """End what runs. Legs at rest keep their gait state, unless they will be damped. why: as of `stop_action`."""
-    state = tick.state
-    planning = state.running is not None and state.running.stage is Stage.PLANNING
-    if state.motion.mode is Mode.DISABLED or (planning and state.effect is Effect.HOLD):
-        tick.change_gait(Change.ABANDONED)  # nothing has moved yet
-    else:
-        tick.update(motion=replace(state.motion, onward=step_onward(state)))  # a walk's step ends with the legs moving
-        tick.change_gait(Change.INTERRUPTED)
-    stop_action(tick, why)
-
-
-def _lose_power(tick: Tick, why: Reason | None = None) -> None:
-    """The drives have no power any more."""
-    tick.change_gait(Change.POWER_LOST)
-    tick.update(motion=follower.disable(tick.state.motion), torque_off=False)
-    stop_action(tick, why)
-
-
-def _end_walk(tick: Tick) -> None:
-    """Gesture 6 would be refused: the running step ends the walk."""
-    running = tick.state.running
-    event = None if running is None else walk_ender(tick.state.events, running.report.source)
-    if running is not None and event is not None and not tick.state.gait.closing:
-        tick.change_gait(Change.WALK_CLOSED)
-        tick.update(running=replace(running, walk_ended_by=event.reason))
-
-
 def _advance_motion(tick: Tick) -> None:
     """The next joint command; a movement that pauses slows down, one whose action has ended slows down and holds."""
     state = tick.state
@@ -235,26 +147,6 @@ def _advance_motion(tick: Tick) -> None:
     still_since_ns = 0 if moves else state.still_since_ns or tick.now_ns
     running = state.running and note_command(state.running, motion.command)
     tick.state = replace(state, motion=motion, still_since_ns=still_since_ns, running=running)
-
-
-def _disable_drives(tick: Tick) -> None:
-    """Torque off at the operator's command, after the guardian's or at the session's end, once the joints are damped.
-
-    Before the tick's own command: while the last stiffness is on the drives, a neutral command would be a jump.
-    """
-    state = tick.state
-    guardian = state.streams.guardian
-    damped_ns = END_HOLD_NS + DAMP_NS if state.unattended else 0
-    ended = state.ending_ns > 0 and tick.now_ns - state.ending_ns >= damped_ns
-    followed = guardian is not None and guardian.off and not (state.torque_off or ended)
-    if (state.torque_off or ended or followed) and state.motion.fully_damped:
-        tick.drives = DriveOrder.DISABLE
-        if followed and tick.inputs.drive_error is None:  # once: an order that failed is given again in each tick
-            tick.audit.append(records.Note(text=reason(DriveNotice.FOLLOWED_GUARDIAN)))
-        _lose_power(tick, reason(RequestRefusal.TORQUE_OFF))
-    if state.ending_ns and tick.state.motion.mode is Mode.DISABLED:
-        tick.drives = DriveOrder.DISABLE
-        tick.finished = True
 
 
 def _planning(tick: Tick) -> PlanningDiagnostics:

@@ -10,9 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
+from app.control.effects import END_HOLD_NS
 from app.control.inputs import Settings
 from app.control.operator_commands import admits
-from app.control.step import END_HOLD_NS
 from app.ipc.messages import STOP_KINDS, OperatorCommand, OperatorKind
 from app.ipc.states import ConsoleChange, Effect, Event, GaitState
 from app.ipc.streams import DAMP_NS

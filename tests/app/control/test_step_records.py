@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from app.control.diagnostics import LOADING_MS
+from app.control.effects import END_HOLD_NS
 from app.control.events.table import LINGER_NS
 from app.control.running_action import Stage
 from app.control.state import REPORTS_KEPT, ControlState
-from app.control.step import END_HOLD_NS
 from app.control.telemetry import JointStatisticsCollector
 from app.ipc.states import Effect, Event, RequestRefusal
 from app.ipc.streams import TRIGGER
