@@ -9,12 +9,13 @@ from math import isfinite
 
 from msgspec.structs import replace
 
-from app.control.diagnostics import JointDiagnostics, PlanningDiagnostics, SessionDiagnostics, collect_diagnostics
+from app.control.diagnostics import PlanningDiagnostics, SessionDiagnostics, collect_diagnostics
 from app.control.effects import END_HOLD_NS, apply_effect, apply_torque_off, disable_drives
 from app.control.events.programs import CLOCK_STEP_S
 from app.control.events.table import ROW, RaisedEvent, RaisedEvents, advance, compared_fields
 from app.control.executor import accept_plans, advance_action, next_step_missing, planner_timed_out, probe_planner
 from app.control.inputs import Inputs, Outputs, Settings, initial_streams, update_streams, without_stale_report
+from app.control.joint_diagnostics import JointDiagnostics
 from app.control.operator_commands import end_unattended, handle_operator_commands
 from app.control.pause import paused_too_long, track_pause
 from app.control.requests import arbitrate, handle_gesture, lacks_preflight

@@ -9,17 +9,11 @@ from typing import Any
 import numpy as np
 from msgspec.structs import replace
 
-from app.control.diagnostics import (
-    ClockDiagnostics,
-    Diagnostics,
-    JointDiagnostics,
-    LinkFigure,
-    ProgramDiagnostics,
-    exceeded,
-)
+from app.control.diagnostics import ClockDiagnostics, Diagnostics, LinkFigure, ProgramDiagnostics
 from app.control.events.row import Above, Compared
 from app.control.events.table import ROW, advance, compared_fields
 from app.control.inputs import Settings
+from app.control.joint_diagnostics import JointDiagnostics, exceeded
 from app.ipc.states import Event, LinkQuantity
 from app.ipc.streams import TRIGGER
 from app.motion.follower import Gains

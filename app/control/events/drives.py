@@ -9,9 +9,10 @@ from math import isfinite
 
 import numpy as np
 
-from app.control.diagnostics import FOLLOWING_WARN_RAD, Diagnostics
+from app.control.diagnostics import Diagnostics
 from app.control.events.row import Above, Compared, Latch, Row
 from app.control.inputs import Settings
+from app.control.joint_diagnostics import FOLLOWING_WARN_RAD
 from app.control.silence import JOINT_TIMEOUT_MS
 from app.ipc.states import Effect, Event
 from hal.joints.guard import RANGE_MARGIN_RAD, SPEED_MARGIN, TORQUE_MARGIN

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from app.control.diagnostics import FOLLOWING_WARN_RAD, Diagnostics
+from app.control.diagnostics import Diagnostics
 from app.control.events.row import GESTURES, Above, Latch, Row
+from app.control.joint_diagnostics import FOLLOWING_WARN_RAD
 from app.ipc.states import Effect, Event
 from hal.inputs.device import InputRole
 from logs.reason import Value, reason_of

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from app.control.diagnostics import FOLLOWING_WARN_RAD
+from app.control.joint_diagnostics import FOLLOWING_WARN_RAD
 from app.ipc.states import Effect, Event
 from hal.joints.device import Joint
 from hal.joints.protocol import DriveState
