@@ -144,7 +144,7 @@ class JointsServer:
             self._tell_end(now_ns, session)
             return
         if laptop is not None:
-            session.take_over_if_due(now_ns)
+            session.commands.take_over_if_due(now_ns)
             self._send_frame(session, laptop, now_ns)
             self._send_packet(session, laptop, now_ns)
         if now_ns - self._health_ns >= LINK.period_ns:
@@ -231,7 +231,7 @@ class JointsServer:
             session = self._session = ServedSession.begun(self._home, own_config(self._home), request, self._workers)
             self._foreign = 0  # control counts anew with each session
             self._wait_for_snapshots()
-        session.commanded_by(hello.operator)
+        session.commands.commanded_by(hello.operator)
         self._connections += 1
         self._laptop = Laptop(identity, user, name, self._connections)
         session.note(LinkNotice.LAPTOP_CAME, laptop=name)
@@ -249,9 +249,9 @@ class JointsServer:
             laptop.audit = localized(frame.audit, clock.at(now_ns))
         if frame.report is not None:
             session.hand_report(frame.report, clock.at(now_ns))
-        new = session.inbox.take(frame.first_command, frame.commands)
-        session.take_over_if_due(now_ns)
-        session.hand_commands(new, clock.at(now_ns), now_ns)
+        new = session.commands.inbox.take(frame.first_command, frame.commands)
+        session.commands.take_over_if_due(now_ns)
+        session.commands.hand(new, clock.at(now_ns), now_ns)
 
     def _send_frame(self, session: ServedSession, laptop: Laptop, now_ns: int) -> None:
         if not laptop.flight.is_open or now_ns - laptop.lacks_snapshot_ns < SNAPSHOT.period_ns:
@@ -260,7 +260,7 @@ class JointsServer:
         frame = ToLaptop(
             number=laptop.flight.send(now_ns),
             acknowledged=laptop.flight.received,
-            commands=session.inbox.count,
+            commands=session.commands.inbox.count,
             snapshot=session.shown(),
             guardian=session.guardian,
             audit=session.audit,
@@ -299,26 +299,28 @@ class JointsServer:
         self._resuming = False
         if session is None:
             return
-        session.adopt_lease(packet.lease)
+        session.commands.adopt_lease(packet.lease)
         if beats.steps > steps:
             session.note(LinkNotice.CLOCK_STEPPED, step_s=beats.step_ns / 1e9)
         if beats.wall_step_ns:
             session.note(LinkNotice.OTHER_CLOCK_STEPPED, step_s=beats.wall_step_ns / 1e9)
             beats.wall_step_ns = 0
         if returned:
-            session.hand_return(now_ns - before_ns)
+            session.commands.hand_return(now_ns - before_ns)
         clock = beats.stop_clock(now_ns)
         if clock is not None:
-            session.take_over_if_due(now_ns)
-            session.hand_stops(packet.stops, clock, now_ns, packet.acknowledged_ns, packet.lease)
+            session.commands.take_over_if_due(now_ns)
+            session.commands.hand_stops(packet.stops, clock, now_ns, packet.acknowledged_ns, packet.lease)
         if beats.clock is not None:
-            session.hand_heartbeat(packet.heartbeat_ns, packet.lease, beats.clock.at(now_ns))
+            session.commands.hand_heartbeat(packet.heartbeat_ns, packet.lease, beats.clock.at(now_ns))
 
     def _send_packet(self, session: ServedSession, laptop: Laptop, now_ns: int) -> None:
         if laptop.where is None or not laptop.beats.due(now_ns):
             return
         packet = laptop.beats.next(now_ns, time.time_ns())
-        self._port.send_packet(laptop.seal.seal(msgspec.structs.replace(packet, stops=session.stops)), laptop.where)
+        self._port.send_packet(
+            laptop.seal.seal(msgspec.structs.replace(packet, stops=session.commands.stops)), laptop.where
+        )
 
     def _answer(self, question: Question, where: Where, now_ns: int) -> None:
         if isinstance(question, Who):

@@ -133,7 +133,7 @@ def test_after_this_computer_slept_a_stop_is_handed_on_without_a_round_trip(serv
     seal, now_ns, ms = greet(server), time.monotonic_ns(), 1_000_000
     session = server._session
     assert session is not None
-    session._lease = 1  # as control's snapshot tells it
+    session.commands._lease = 1  # as control's snapshot tells it
     whole = Packet(number=1, sent_ns=8 * ms, echo_sent_ns=now_ns - 10 * ms, echo_received_ns=5 * ms, lease=1)
     server._take_packet(seal.seal(whole), WHERE, now_ns)
     stop = StopMark(1, 7, 40_000 * ms)
@@ -147,5 +147,5 @@ def test_after_this_computer_slept_a_stop_is_handed_on_without_a_round_trip(serv
         lease=1,
     )
     server._take_packet(seal.seal(slept), WHERE, now_ns + 20 * ms)
-    assert stop in session._handed.values()
-    assert session._heartbeat_ns == 0, "nothing that holds a motion up counts"
+    assert stop in session.commands._handed.values()
+    assert session.commands._heartbeat_ns == 0, "nothing that holds a motion up counts"

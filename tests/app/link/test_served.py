@@ -67,6 +67,7 @@ class Served:
         self._snapshots = Publisher(address(self.links, streams.SNAPSHOT.name))
         self._count = 0
         self.session = ServedSession(setup, NoWorkers(), held=held)
+        self.commands = self.session.commands
 
     def say(self, *, lease: int = 1, stop_lease: int = 0, stop_sequence: int = 0) -> None:
         """Control's snapshot, until the session has it."""
@@ -89,7 +90,7 @@ class Served:
     def give(self, kind: OperatorKind, sequence: int, *, lease: int = 1, sent_ns: int, operator: str = "") -> None:
         """A command of the laptop's console that arrives at once."""
         command = OperatorCommand(sequence=sequence, lease=lease, kind=kind, sent_ns=sent_ns, operator=operator)
-        self.session.hand_commands([command], SAME_CLOCK, sent_ns)
+        self.commands.hand([command], SAME_CLOCK, sent_ns)
 
     def control_received(self, number: int) -> list[OperatorCommand]:
         """The next so many commands, and no more of them."""
@@ -119,12 +120,12 @@ def served(tmp_path: Path) -> Iterator[Callable[[bool], Served]]:
 
 def test_resumed_it_hears_the_console_that_took_over_before(served: Callable[[bool], Served]) -> None:
     there = served(True)
-    there.session.commanded_by("tom")
-    there.session.adopt_lease(2)
+    there.commands.commanded_by("tom")
+    there.commands.adopt_lease(2)
     there.say(lease=5)
-    there.session.take_over_if_due(1_000)
+    there.commands.take_over_if_due(1_000)
     there.give(K.ARM, 7, lease=2, sent_ns=2_000)
-    there.session.hand_heartbeat(3_000, 2, SAME_CLOCK)
+    there.commands.hand_heartbeat(3_000, 2, SAME_CLOCK)
     taken, armed, heartbeat = there.control_received(3)
     assert (taken.kind, taken.lease, taken.operator) == (K.TAKE_OVER, 6, "tom")
     assert (armed.kind, armed.lease) == (K.ARM, 6)
@@ -135,9 +136,9 @@ def test_resumed_it_lets_a_takeover_take_over_whose_lease_a_packet_told_before(
     served: Callable[[bool], Served],
 ) -> None:
     there = served(True)
-    there.session.adopt_lease(2)
+    there.commands.adopt_lease(2)
     there.say(lease=1)
-    there.session.take_over_if_due(1_000)
+    there.commands.take_over_if_due(1_000)
     there.give(K.TAKE_OVER, 1, lease=2, sent_ns=2_000, operator="tom")
     assert [(one.kind, one.lease, one.operator) for one in there.control_received(2)] == [
         (K.TAKE_OVER, 2, "ann"),
@@ -148,8 +149,8 @@ def test_resumed_it_lets_a_takeover_take_over_whose_lease_a_packet_told_before(
 def test_after_a_lost_link_it_takes_over_for_whoever_commands(served: Callable[[bool], Served]) -> None:
     there = served(False)
     there.give(K.TAKE_OVER, 1, lease=2, sent_ns=1_000, operator="tom")
-    there.session.hand_return(LATER_NS)
-    there.session.take_over_if_due(LATER_NS)
+    there.commands.hand_return(LATER_NS)
+    there.commands.take_over_if_due(LATER_NS)
     assert [(one.lease, one.operator) for one in there.control_received(2)] == [(2, "tom"), (3, "tom")]
 
 
@@ -157,8 +158,8 @@ def test_what_was_given_while_the_link_was_lost_is_not_carried_out_but_for_stop(
     served: Callable[[bool], Served],
 ) -> None:
     there = served(False)
-    there.session.hand_return(LATER_NS)
-    there.session.take_over_if_due(LATER_NS)
+    there.commands.hand_return(LATER_NS)
+    there.commands.take_over_if_due(LATER_NS)
     for number, kind in enumerate((K.ACKNOWLEDGE, K.ARM, K.STOP, K.DISARM), 1):
         there.give(kind, number, sent_ns=LATER_NS - 100_000_000)  # younger than a link's silence that counts as lost
     there.give(K.ARM, 5, sent_ns=LATER_NS + 1)
@@ -167,9 +168,9 @@ def test_what_was_given_while_the_link_was_lost_is_not_carried_out_but_for_stop(
 
 def test_resumed_it_takes_no_earlier_stop_for_an_acknowledgement(served: Callable[[bool], Served]) -> None:
     there = served(True)
-    there.session.adopt_lease(1)
+    there.commands.adopt_lease(1)
     there.say(lease=3, stop_lease=3, stop_sequence=57)  # of the process before
-    there.session.take_over_if_due(1_000)
+    there.commands.take_over_if_due(1_000)
     there.give(K.STOP, 9, sent_ns=2_000)
     taken, stop = there.control_received(2)
     there.say(lease=3, stop_lease=3, stop_sequence=57)
@@ -193,12 +194,12 @@ def test_a_stop_of_a_later_console_is_not_that_of_an_earlier_one_with_its_number
     (first,) = there.control_received(1)
     there.say(stop_lease=first.lease, stop_sequence=first.sequence)
     there.give(K.STOP, 1, lease=0, sent_ns=2_000)
-    there.session.hand_stops([earlier, later], ClockEstimate(0, 300, 300), 3_000)  # again, by a better known clock
+    there.commands.hand_stops([earlier, later], ClockEstimate(0, 300, 300), 3_000)  # again, by a better known clock
     (second,) = there.control_received(1)
     there.say(stop_lease=first.lease, stop_sequence=first.sequence)
-    assert [*there.session.stops] == [earlier]
+    assert [*there.commands.stops] == [earlier]
     there.say(stop_lease=second.lease, stop_sequence=second.sequence)
-    assert [*there.session.stops] == [earlier, later]
+    assert [*there.commands.stops] == [earlier, later]
 
 
 def test_a_stop_that_an_earlier_process_handed_on_does_not_look_like_a_later_press(
@@ -206,12 +207,12 @@ def test_a_stop_that_an_earlier_process_handed_on_does_not_look_like_a_later_pre
 ) -> None:
     """Control may have counted it, by the clock as that process knew it: 400 ns ahead, to 100."""
     there, before_ns = served(True), 1_000 - 500
-    there.session.adopt_lease(1)
+    there.commands.adopt_lease(1)
     stop, later = StopMark(1, 9, 1_000), StopMark(1, 10, 5_000)
-    there.session.hand_stops([stop], ClockEstimate(0, 200, 400), 3_000)  # the takeover is still due
+    there.commands.hand_stops([stop], ClockEstimate(0, 200, 400), 3_000)  # the takeover is still due
     there.say(lease=3)
-    there.session.take_over_if_due(4_000)
-    there.session.hand_stops([stop, later], ClockEstimate(0, 200, 400), 5_000)
+    there.commands.take_over_if_due(4_000)
+    there.commands.hand_stops([stop, later], ClockEstimate(0, 200, 400), 5_000)
     again, _, pressed = there.control_received(3)
     assert again.sent_ns <= before_ns
     assert pressed.sent_ns == 4_600
@@ -223,8 +224,8 @@ def test_a_stop_that_overtakes_an_acknowledgement_brings_it_along_and_so_holds(
     """STOP comes by packet while the frame with the acknowledgement waits to be repeated."""
     there, rig = served(False), standing()
     first, acknowledged, second = (1_000_000_000 * place for place in (1, 2, 3))
-    there.session.hand_stops([StopMark(1, 1, first)], SAME_CLOCK, first)
-    there.session.hand_stops([StopMark(1, 1, first), StopMark(1, 3, second)], SAME_CLOCK, second, acknowledged, 1)
+    there.commands.hand_stops([StopMark(1, 1, first)], SAME_CLOCK, first)
+    there.commands.hand_stops([StopMark(1, 1, first), StopMark(1, 3, second)], SAME_CLOCK, second, acknowledged, 1)
     there.give(K.ACKNOWLEDGE, 2, sent_ns=acknowledged)  # its frame
     given = there.control_received(3)
     assert [(one.kind, one.sent_ns) for one in given] == [
@@ -245,7 +246,7 @@ def test_a_stop_of_an_earlier_console_brings_along_what_the_present_one_acknowle
     there, rig = served(False), standing()
     taken, acknowledged, pressed = (1_000_000_000 * place for place in (1, 2, 3))
     there.give(K.TAKE_OVER, 1, lease=2, sent_ns=taken, operator="tom")
-    there.session.hand_stops([StopMark(1, 9, pressed)], SAME_CLOCK, pressed, acknowledged, 2)
+    there.commands.hand_stops([StopMark(1, 9, pressed)], SAME_CLOCK, pressed, acknowledged, 2)
     there.give(K.ACKNOWLEDGE, 3, lease=2, sent_ns=acknowledged)  # its frame
     given = there.control_received(3)
     assert [(one.kind, one.lease, one.sent_ns) for one in given] == [
@@ -261,8 +262,8 @@ def test_a_stop_of_an_earlier_console_brings_along_what_the_present_one_acknowle
 
 def test_an_acknowledgement_from_before_a_stop_s_press_alone_precedes_it(served: Callable[[bool], Served]) -> None:
     there = served(False)
-    there.session.hand_stops([StopMark(1, 1, 5_000)], SAME_CLOCK, 5_000, 6_000, 1)
-    there.session.hand_stops([StopMark(1, 2, 7_000)], SAME_CLOCK, 7_000, 0)
+    there.commands.hand_stops([StopMark(1, 1, 5_000)], SAME_CLOCK, 5_000, 6_000, 1)
+    there.commands.hand_stops([StopMark(1, 2, 7_000)], SAME_CLOCK, 7_000, 0)
     assert [one.kind for one in there.control_received(2)] == [K.STOP, K.STOP]
 
 
@@ -271,7 +272,7 @@ def test_keys_that_are_too_old_go_to_control_which_shows_that_it_refuses_them(
 ) -> None:
     there = served(False)
     kinds = (K.ARM, K.ACT, K.ACKNOWLEDGE, K.CONFIRM_PATIENT, K.TORQUE_OFF)
-    there.session.hand_commands(
+    there.commands.hand(
         [OperatorCommand(sequence=number, kind=kind, sent_ns=1) for number, kind in enumerate(kinds, 1)],
         SAME_CLOCK,
         LOST_NS + 2,
@@ -282,7 +283,7 @@ def test_keys_that_are_too_old_go_to_control_which_shows_that_it_refuses_them(
 
 def acknowledged(there: Served) -> list[tuple[int, int]]:
     """The STOPs that the laptop is told of."""
-    return [(one.lease, one.sequence) for one in there.session.stops]
+    return [(one.lease, one.sequence) for one in there.commands.stops]
 
 
 def test_a_laptop_is_told_that_it_is_this_computer_s_file_that_keeps_a_session_from_starting(tmp_path: Path) -> None:
