@@ -168,7 +168,7 @@ def query(
     home: HomeOption = None,
 ) -> None:
     """Query the sessions of several sites. A site that is missing or tampered is refused by name."""
-    from app.cli.audit import evidence_of
+    from app.cli.audit.common import evidence_of
     from logs.sites import SITE_QUESTIONS, check_site, find_sites
 
     wanted = sql_of(sql, ask, SITE_QUESTIONS)

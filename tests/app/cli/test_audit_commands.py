@@ -119,7 +119,7 @@ def test_an_unreadable_session_is_named_and_the_others_are_listed_and_shown(home
 def test_a_list_on_a_narrow_terminal_has_the_whole_start(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     key = load_or_make_key(home / "keys")
     write_session(home / "logs", "20260921T141320Z-abcd", key, Disk(), (PatientChosen(patient="P-2026-017"),))
-    monkeypatch.setattr("app.cli.audit.wide_console", lambda: Console(width=80))
+    monkeypatch.setattr("app.cli.audit.query.wide_console", lambda: Console(width=80))
     assert next(read(home / "logs" / "s1.jsonl")).wall[:16].replace("T", " ") in audit("list", "--home", str(home))[1]
 
 
