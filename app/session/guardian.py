@@ -9,7 +9,6 @@ from __future__ import annotations
 import os
 import signal
 import time
-from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -18,13 +17,21 @@ from app.audit.sink import AuditSink
 from app.ipc import streams
 from app.ipc.links import LatestReceiver, Publisher, address
 from app.ipc.messages import GuardianHealth, Heartbeat
-from app.ipc.streams import DAMP_NS, NS_PER_MS
+from app.ipc.streams import NS_PER_MS
+from app.session.heartbeat_check import (
+    DAMPING_NS,
+    OFF_NS,
+    GuardianAction,
+    GuardianState,
+    check_heartbeat,
+    needs_guarding,
+)
 from app.system.config import SessionSetup, load_device
 from app.system.diagnostics_log import get_logger
 from app.system.legs_lock import share_legs
 from app.system.scheduling import avoid_control_core, gc_freeze, set_scheduling
 from hal.errors import HardwareError
-from hal.joints.protocol import LEFT_ON_DAMPING_S, Joint
+from hal.joints.protocol import Joint
 from logs.reason import reason, reason_of
 from logs.records import HeartbeatLost, Note, ProcessEnd, ProcessStart
 
@@ -34,30 +41,12 @@ if TYPE_CHECKING:
 _log = get_logger("guardian")
 
 CHECK_S = 0.004  # twice, after the stale limit of 65 ms: the joints are damped before 80 ms are over
-ENDING_DAMP_NS = 500 * NS_PER_MS
-LATE_CHECK_NS = 12 * NS_PER_MS
-MISSED_CHECKS = 2
-OFF_NS = 300 * NS_PER_MS
 NAMING_NS = 1_200 * NS_PER_MS  # at most, of switching off: with wait and damping before, less than `END_PATIENCE_S`
-# Longer than control awaits drives: by `hal.joints.can.lifecycle` 1.4 s for torque off, 2.5 s for power.
-WAIT_NS = 3_000 * NS_PER_MS
 # 25 checks read 6,400 frames a bus: more replies to control than a socket keeps waiting. 25 more ask every drive again.
 # Of checks that come late, on a busy machine, as many are needed: what is still waiting is no answer.
 BACKLOG_NS, BACKLOG_CHECKS = 100 * NS_PER_MS, 25
 ANSWER_NS, ANSWER_CHECKS = 200 * NS_PER_MS, 50
 RETRY_NS = 1_000 * NS_PER_MS
-
-
-class GuardianAction(Enum):
-    """What the guardian does."""
-
-    MONITOR = "monitor"
-    DAMP = "damp"
-    DAMP_LEFT_ON = "damp left on"  # what has not confirmed that it is off
-    SWITCH_OFF = "switch off"
-
-
-_DAMPING_NS = {GuardianAction.DAMP: DAMP_NS, GuardianAction.DAMP_LEFT_ON: round(LEFT_ON_DAMPING_S * 1e9)}
 
 
 class GuardianNotice(Enum):
@@ -68,67 +57,6 @@ class GuardianNotice(Enum):
     BUS_NOT_OPENED = "bus not opened"
     NOT_ANSWERED = "not answered"  # action, joints
     ENDED = "ended"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class GuardianState:
-    """Everything that outlives a check."""
-
-    heartbeat: Heartbeat | None = None
-    action: GuardianAction = GuardianAction.MONITOR
-    since_ns: int = 0
-    checked_ns: int = 0
-    evaluated_ns: int = 0  # the moment that the newest check evaluated
-    missed: int = 0  # moments in a row at which the heartbeat was stale
-
-
-def check_heartbeat(
-    state: GuardianState, heartbeat: Heartbeat | None, now_ns: int, *, ending: bool = False
-) -> GuardianState:
-    """The state after one check. Once it damps, it goes on until the drives are off, whatever control sends.
-
-    It monitors again after control reports, from then on, that the drives are unpowered. It acts on the second check
-    in a row that finds the heartbeat stale. A check that was itself late knows nothing of the last moments, in which
-    control may have stood still with it: it evaluates the time of the check before.
-    Where control has ended, or is gone, and a drive has not confirmed that it is off, it is switched off once more. It
-    may have been out of reach of control's damping, so it is damped before, unless any set-point would power it.
-    ending: the session is being closed, and the wearer is not left in damped joints for long.
-    """
-    if heartbeat is not None and state.heartbeat is not None and heartbeat.at_ns < state.heartbeat.at_ns:
-        heartbeat = None  # sent before the newest one
-    evaluated_ns = now_ns if now_ns - state.checked_ns <= LATE_CHECK_NS else state.checked_ns
-    newest = heartbeat or state.heartbeat
-    missed = state.missed + (evaluated_ns > state.evaluated_ns) if _lost(newest, evaluated_ns) else 0
-    state = replace(state, heartbeat=newest, checked_ns=now_ns, evaluated_ns=evaluated_ns, missed=missed)
-    since_ns = now_ns - state.since_ns
-    damping_ns = _DAMPING_NS.get(state.action)
-    if damping_ns is not None and since_ns > (min(damping_ns, ENDING_DAMP_NS) if ending else damping_ns):
-        return replace(state, action=GuardianAction.SWITCH_OFF, since_ns=now_ns)
-    if state.action is GuardianAction.MONITOR and newest is not None:
-        if missed >= MISSED_CHECKS and newest.enabled:
-            return replace(state, action=GuardianAction.DAMP, since_ns=now_ns)
-        if missed >= MISSED_CHECKS or (heartbeat is not None and heartbeat.last and heartbeat.unconfirmed):
-            return replace(state, action=GuardianAction.DAMP_LEFT_ON, since_ns=now_ns)
-    if state.action is GuardianAction.SWITCH_OFF and since_ns > OFF_NS and _unpowered(heartbeat):
-        return replace(state, action=GuardianAction.MONITOR)
-    return state
-
-
-def _unpowered(heartbeat: Heartbeat | None) -> bool:
-    """Whether control has just reported it; the last heartbeat of one that ends does not count."""
-    return heartbeat is not None and not heartbeat.enabled and not heartbeat.last
-
-
-def _needs_guarding(heartbeat: Heartbeat | None) -> bool:
-    """Whether the guardian must act once control is silent: a drive is powered, or may be."""
-    return heartbeat is not None and (heartbeat.enabled or heartbeat.unconfirmed) and not heartbeat.last
-
-
-def _lost(heartbeat: Heartbeat | None, now_ns: int) -> bool:
-    """Whether control has been silent with the drives powered."""
-    if heartbeat is None or not _needs_guarding(heartbeat):
-        return False
-    return now_ns - heartbeat.at_ns > (WAIT_NS if heartbeat.awaits_drives else streams.HEARTBEAT.stale_ms * NS_PER_MS)
 
 
 def run_guardian(setup: SessionSetup) -> None:
@@ -181,10 +109,10 @@ class Guardian:
             self._reopen(now_ns)
         self._act()
         self._listen(before, now_ns)
-        if before is GuardianAction.MONITOR and self._state.missed and self._state.action in _DAMPING_NS:
+        if before is GuardianAction.MONITOR and self._state.missed and self._state.action in DAMPING_NS:
             self._record_loss(now_ns)
         # at once when it acts, and to a control that comes back: it must not grip what it was not holding any more
-        absent_ns = heartbeat.at_ns - last.at_ns if heartbeat and last and _needs_guarding(last) else 0
+        absent_ns = heartbeat.at_ns - last.at_ns if heartbeat and last and needs_guarding(last) else 0
         news = absent_ns >= streams.ABSENT_NS or self._state.action is not before or self._unanswered != unanswered
         if news or now_ns - self._health_ns >= streams.GUARDIAN.period_ns:
             self._health_ns = now_ns
@@ -208,7 +136,7 @@ class Guardian:
     def done(self, now_ns: int) -> bool:
         """Whether nothing is left to guard, and who does not answer has been named, where its checks allow it."""
         heartbeat, action = self._state.heartbeat, self._state.action
-        if self._stop is not None and action in _DAMPING_NS:
+        if self._stop is not None and action in DAMPING_NS:
             return False
         if self._stop is not None and action is GuardianAction.SWITCH_OFF:
             least_ns = OFF_NS if self._unanswered[0] is action else NAMING_NS
@@ -216,7 +144,7 @@ class Guardian:
         if heartbeat is not None and heartbeat.last:
             return True
         monitoring = action is GuardianAction.MONITOR
-        return self._ended() and (not _needs_guarding(heartbeat) or not monitoring)
+        return self._ended() and (not needs_guarding(heartbeat) or not monitoring)
 
     def close(self) -> None:
         """Record the end and release everything."""
