@@ -223,7 +223,7 @@ def joints(
 
         typer.echo(service_file(place, port), nl=False)
         return
-    from app.link.server import serve_joints
+    from app.link.service import serve_joints
     from app.system.diagnostics_log import set_verbose, start_log
 
     if verbose:

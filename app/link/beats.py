@@ -15,7 +15,7 @@ from app.ipc.messages import AuditHealth, LinkHealth
 from app.ipc.states import Event
 from app.ipc.streams import AUDIT_HEALTH, NS_PER_MS
 from app.link.clock import STEP_NS, ClockEstimate, RoundTrip, update
-from app.link.wire import Packet
+from app.link.wire import LinkNotice, Packet
 from logs.reason import reason
 from logs.records import OtherTrail
 
@@ -71,14 +71,14 @@ class Beats:
     clock: ClockEstimate | None = None  # None: not known yet, or not after it stood still
     newest_ns: int = 0  # when the newest packet came; 0: none yet
     steps: int = 0  # of a clock against the other one
-    step_ns: int = 0  # the newest
-    wall_step_ns: int = 0  # the newest of the other host's wall clock against its monotonic one
     their_loss: float = 1.0
     _before: ClockEstimate | None = None  # what was known before our clock stood still
     _number: int = 0
     _sent_ns: int = 0
     _their_sent_ns: int = 0
     _their_wall_ns: int | None = None
+    _step_ns: int = 0  # the newest that is not noted yet
+    _wall_step_ns: int = 0  # the same, of the other host's wall clock against its monotonic one
     _trail_ns: int = 0
 
     def due(self, now_ns: int) -> bool:
@@ -99,9 +99,9 @@ class Beats:
             loss=self.quality.loss(now_ns),
         )
 
-    def take(self, packet: Packet, now_ns: int) -> bool:
-        """A packet came; whether the link is back after it was lost."""
-        returned = bool(self.newest_ns) and now_ns - self.newest_ns > LOST_NS
+    def take(self, packet: Packet, now_ns: int) -> int:
+        """A packet came; for how long none had, where the link was lost meanwhile, else 0."""
+        silent_ns = now_ns - self.newest_ns if self.newest_ns else 0
         self.newest_ns, self._their_sent_ns, self.their_loss = now_ns, packet.sent_ns, packet.loss
         self.quality.add(packet.number, now_ns)
         if packet.echo_sent_ns:
@@ -109,7 +109,13 @@ class Beats:
             if trip.plausible:
                 self._set_clock(trip)
         self._watch_wall(packet.wall_ns)
-        return returned
+        return silent_ns if silent_ns > LOST_NS else 0
+
+    def new_steps(self) -> list[tuple[LinkNotice, float]]:
+        """Of clocks since the last call, each with its seconds, for the trail."""
+        steps = ((LinkNotice.CLOCK_STEPPED, self._step_ns), (LinkNotice.OTHER_CLOCK_STEPPED, self._wall_step_ns))
+        self._step_ns = self._wall_step_ns = 0
+        return [(notice, step_ns / 1e9) for notice, step_ns in steps if step_ns]
 
     def stop_clock(self, now_ns: int) -> ClockEstimate | None:
         """What STOP is told by, which waits for no round trip after our clock stood still.
@@ -146,12 +152,12 @@ class Beats:
         new = update(self.clock or self._before, trip)
         self.clock, self._before = new.estimate, None
         if abs(new.step_ns) >= STEP_NS:
-            self.steps, self.step_ns = self.steps + 1, new.step_ns
+            self.steps, self._step_ns = self.steps + 1, new.step_ns
 
     def _watch_wall(self, wall_ns: int) -> None:
         before, self._their_wall_ns = self._their_wall_ns, wall_ns
         if before is not None and abs(wall_ns - before) > WALL_STEP_NS:
-            self.wall_step_ns = wall_ns - before
+            self._wall_step_ns = wall_ns - before
 
 
 def trail_health(audit: AuditHealth | None, came_ns: int, now_ns: int) -> AuditHealth | None:

@@ -249,15 +249,12 @@ class LinkClient:
         if packet is None:
             self._foreign += self._seal is None or not self._seal.is_late(datagram)
             return
-        steps, before_ns = self._beats.steps, self._beats.newest_ns
-        if self._beats.take(packet, now_ns):
+        silent_ns = self._beats.take(packet, now_ns)
+        if silent_ns:
             remote.expect_soon()
-            self._note(LinkNotice.LINK_RETURNED, silent_s=(now_ns - before_ns) / 1e9)
-        if self._beats.steps > steps:
-            self._note(LinkNotice.CLOCK_STEPPED, step_s=self._beats.step_ns / 1e9)
-        if self._beats.wall_step_ns:
-            self._note(LinkNotice.OTHER_CLOCK_STEPPED, step_s=self._beats.wall_step_ns / 1e9)
-            self._beats.wall_step_ns = 0
+            self._note(LinkNotice.LINK_RETURNED, silent_s=silent_ns / 1e9)
+        for notice, step_s in self._beats.new_steps():
+            self._note(notice, step_s=step_s)
         if self._stops.acknowledge(packet.stops):
             self._health_ns = 0  # the console is told at once
 

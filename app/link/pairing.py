@@ -22,10 +22,13 @@ from spake2.ed25519_basic import NotOnCurve
 from app.link.keys import Peer, add_peer, own_key, own_name, write_private
 from app.link.questions import Asking, PairAnswer, PairBegin, PairConfirm, PairDone, PairRefused
 from app.link.wire import LinkFault
+from app.system.diagnostics_log import get_logger
 from app.system.errors import AppError
 from app.system.paths import Home
-from logs.reading.errors import UNDECODABLE, InputError
+from logs.reading.errors import UNDECODABLE, CodedError, InputError
 from logs.reading.formats import read_json
+
+_log = get_logger("link")
 
 CODE_DIGITS = 8
 LASTS_S = 300.0
@@ -96,6 +99,14 @@ class PairingDesk:
     def __init__(self, home: Home) -> None:
         self._home = home
         self._newest: _Exchange | None = None
+
+    def answer(self, question: PairBegin | PairConfirm, now_s: float) -> PairAnswer | PairDone | PairRefused:
+        """A refusal, too, where keys or offer can't be read or kept: no reason to end a session."""
+        try:
+            return self.begin(question, now_s) if isinstance(question, PairBegin) else self.confirm(question, now_s)
+        except (CodedError, OSError) as error:
+            _log.warning("pairing failed", why=str(error))
+            return PairRefused(exchange=question.exchange, left=None)
 
     def begin(self, question: PairBegin, now_s: float) -> PairAnswer | PairRefused:
         """Every exchange costs one of the code's, whatever becomes of it."""

@@ -21,7 +21,7 @@ from app.link.wire import LinkFault, LinkNotice, SessionRequest
 from app.session.host import SessionHost, make_setup
 from app.session.shared import held_session
 from app.system.authority import Proof
-from app.system.config import Config, SessionSetup
+from app.system.config import Config, SessionSetup, load_config
 from app.system.configure import record_outside_change
 from app.system.errors import AppError
 from app.system.paths import Home
@@ -151,3 +151,11 @@ def check_request(config: Config, request: SessionRequest) -> None:
         raise AppError(LinkFault.NAME_INVALID)
     if not (config.joints.emulated or request.signed_in):
         raise AppError(LinkFault.SIGN_IN_NEEDED)
+
+
+def own_config(home: Home) -> Config:
+    """As the file is now: this command outlives changes of it. Raises AppError, also where the joints are elsewhere."""
+    config = load_config(home.config)
+    if config.joints.host:
+        raise AppError(LinkFault.HOST_HAS_HOST, host=config.joints.host)
+    return config

@@ -6,56 +6,25 @@ and holds no motion up: control has its own process.
 
 from __future__ import annotations
 
-import signal
 import time
 from collections.abc import Callable
-from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import closing
+from concurrent.futures import Executor
 
 import msgspec
 
-from app.ipc.messages import AuditHealth, LinkHealth
-from app.ipc.streams import LINK, NS_PER_MS, SNAPSHOT
-from app.link.beats import Beats, health_of
-from app.link.clock import localized
+from app.ipc.messages import LinkHealth
+from app.ipc.streams import LINK, NS_PER_MS
 from app.link.keys import peers_of
-from app.link.order import Flight
-from app.link.packets import SEALED, PacketSeal, new_packet_key
+from app.link.laptop import Laptop
+from app.link.packets import SEALED
 from app.link.pairing import PairingDesk
 from app.link.port import JointsPort, Where
-from app.link.questions import (
-    Answer,
-    PairBegin,
-    PairConfirm,
-    PairRefused,
-    Question,
-    Who,
-    as_read_there,
-    check_version,
-    encode,
-    here,
-    question_in,
-)
-from app.link.served import ServedSession, not_started
-from app.link.wire import (
-    VERSION,
-    FromLaptop,
-    Hello,
-    LinkFault,
-    LinkNotice,
-    Packet,
-    Refused,
-    ToJoints,
-    ToLaptop,
-    Welcome,
-    program,
-)
-from app.session.shared import held_session
-from app.system.config import Config, load_config
+from app.link.questions import Answer, Question, Who, as_read_there, check_version, encode, here, question_in
+from app.link.served import ServedSession, not_started, own_config
+from app.link.wire import VERSION, FromLaptop, Hello, LinkFault, LinkNotice, Refused, Welcome, program
 from app.system.diagnostics_log import get_logger
 from app.system.errors import AppError
 from app.system.paths import Home
-from app.system.scheduling import avoid_control_core, set_scheduling
 from logs.reading.errors import UNDECODABLE, CodedError
 from logs.reason import reason_of
 
@@ -71,21 +40,6 @@ class _Version(msgspec.Struct, tag="hello"):
 
     link: int
     program: str
-
-
-class Laptop:
-    """The connection that commands: its key, its frames, its packets."""
-
-    def __init__(self, identity: bytes, user: str, name: str, connection: int) -> None:
-        self.identity = identity
-        self.user = user
-        self.name = name  # as it is paired
-        self.flight = Flight()
-        self.seal = PacketSeal(connection=connection, key=new_packet_key(), at_joints=True)
-        self.beats = Beats()
-        self.where: Where | None = None  # its packets come from there
-        self.lacks_snapshot_ns = 0
-        self.audit: AuditHealth | None = None  # of its trail
 
 
 class JointsServer:
@@ -145,12 +99,12 @@ class JointsServer:
             return
         if laptop is not None:
             session.commands.take_over_if_due(now_ns)
-            self._send_frame(session, laptop, now_ns)
-            self._send_packet(session, laptop, now_ns)
+            self._send_frame(laptop, now_ns)
+            self._send_packet(laptop, now_ns)
         if now_ns - self._health_ns >= LINK.period_ns:
             self._health_ns = now_ns
             session.health.send(self._link_health(now_ns))
-        record = None if laptop is None else laptop.beats.other_trail(laptop.audit, now_ns)
+        record = None if laptop is None else laptop.other_trail(now_ns)
         if record is not None:
             session.record(record)
 
@@ -159,7 +113,7 @@ class JointsServer:
         if not self._ended_ns:
             self._ended_ns, self._ended_frame = now_ns, 0 if laptop is None else laptop.flight.sent
         if laptop is not None and now_ns - self._ended_ns < (LAST_SENT_NS if self._must_end else END_SENT_NS):
-            self._send_frame(session, laptop, now_ns)
+            self._send_frame(laptop, now_ns)
             if not self._must_end or laptop.flight.acknowledged <= self._ended_frame:
                 return
         self._forget(session)
@@ -182,7 +136,7 @@ class JointsServer:
         if isinstance(message, Hello):
             self._greet(identity, user, message)
         elif self._laptop is not None and identity == self._laptop.identity:
-            self._take(self._laptop, message)
+            self._laptop.take_frame(message, time.monotonic_ns())
         elif not self._resuming:
             self._foreign += 1
 
@@ -222,7 +176,7 @@ class JointsServer:
         if laptop is not None and laptop.user != user:
             raise AppError(LinkFault.ANOTHER_LAPTOP, session=request.session)
         if laptop is not None:
-            laptop.identity, laptop.flight = identity, Flight()  # frames are counted anew, packets go on
+            laptop.reconnect(identity)
             return
         name = self._name_of(user)
         if session is None:
@@ -233,42 +187,13 @@ class JointsServer:
             self._wait_for_snapshots()
         session.commands.commanded_by(hello.operator)
         self._connections += 1
-        self._laptop = Laptop(identity, user, name, self._connections)
+        self._laptop = Laptop(session, identity, user, name, self._connections)
         session.note(LinkNotice.LAPTOP_CAME, laptop=name)
 
-    def _take(self, laptop: Laptop, frame: ToJoints) -> None:
-        session, clock, now_ns = self._session, laptop.beats.clock, time.monotonic_ns()
-        laptop.flight.receive(frame.number, frame.acknowledged, now_ns)
-        if session is None:
-            return
-        if frame.ends:
-            session.end()
-        if clock is None:  # no moment of it could be told yet: its sender repeats what must arrive
-            return
-        if frame.audit is not None:
-            laptop.audit = localized(frame.audit, clock.at(now_ns))
-        if frame.report is not None:
-            session.hand_report(frame.report, clock.at(now_ns))
-        new = session.commands.inbox.take(frame.first_command, frame.commands)
-        session.commands.take_over_if_due(now_ns)
-        session.commands.hand(new, clock.at(now_ns), now_ns)
-
-    def _send_frame(self, session: ServedSession, laptop: Laptop, now_ns: int) -> None:
-        if not laptop.flight.is_open or now_ns - laptop.lacks_snapshot_ns < SNAPSHOT.period_ns:
-            return
-        laptop.lacks_snapshot_ns = now_ns
-        frame = ToLaptop(
-            number=laptop.flight.send(now_ns),
-            acknowledged=laptop.flight.received,
-            commands=session.commands.inbox.count,
-            snapshot=session.shown(),
-            guardian=session.guardian,
-            audit=session.audit,
-            processes=session.processes,
-            ended=session.ended,
-            fault=session.fault,
-        )
-        self._send(laptop.identity, frame)
+    def _send_frame(self, laptop: Laptop, now_ns: int) -> None:
+        frame = laptop.next_frame(now_ns)
+        if frame is not None:
+            self._send(laptop.identity, frame)
 
     def _send(self, identity: bytes, message: msgspec.Struct) -> None:
         self._port.send_frame(identity, self._encode(message))
@@ -279,7 +204,8 @@ class JointsServer:
         laptop = self._laptop
         packet = laptop.seal.open(datagram) if laptop is not None else None
         if packet is not None and laptop is not None:
-            self._heed(laptop, packet, where, now_ns)
+            self._resuming = False
+            laptop.take_packet(packet, where, now_ns)
         elif (question := question_in(datagram)) is not None:
             self._answer(question, where, now_ns)
         elif not self._is_late(datagram):
@@ -291,52 +217,17 @@ class JointsServer:
             return datagram[:1] == bytes([SEALED])
         return self._laptop is not None and self._laptop.seal.is_late(datagram)
 
-    def _heed(self, laptop: Laptop, packet: Packet, where: Where, now_ns: int) -> None:
-        beats, session = laptop.beats, self._session
-        before_ns, steps = beats.newest_ns, beats.steps
-        returned = beats.take(packet, now_ns)
-        laptop.where = where
-        self._resuming = False
-        if session is None:
-            return
-        session.commands.adopt_lease(packet.lease)
-        if beats.steps > steps:
-            session.note(LinkNotice.CLOCK_STEPPED, step_s=beats.step_ns / 1e9)
-        if beats.wall_step_ns:
-            session.note(LinkNotice.OTHER_CLOCK_STEPPED, step_s=beats.wall_step_ns / 1e9)
-            beats.wall_step_ns = 0
-        if returned:
-            session.commands.hand_return(now_ns - before_ns)
-        clock = beats.stop_clock(now_ns)
-        if clock is not None:
-            session.commands.take_over_if_due(now_ns)
-            session.commands.hand_stops(packet.stops, clock, now_ns, packet.acknowledged_ns, packet.lease)
-        if beats.clock is not None:
-            session.commands.hand_heartbeat(packet.heartbeat_ns, packet.lease, beats.clock.at(now_ns))
-
-    def _send_packet(self, session: ServedSession, laptop: Laptop, now_ns: int) -> None:
-        if laptop.where is None or not laptop.beats.due(now_ns):
-            return
-        packet = laptop.beats.next(now_ns, time.time_ns())
-        self._port.send_packet(
-            laptop.seal.seal(msgspec.structs.replace(packet, stops=session.commands.stops)), laptop.where
-        )
+    def _send_packet(self, laptop: Laptop, now_ns: int) -> None:
+        datagram = laptop.next_packet(now_ns)
+        if datagram is not None and laptop.where is not None:
+            self._port.send_packet(datagram, laptop.where)
 
     def _answer(self, question: Question, where: Where, now_ns: int) -> None:
         if isinstance(question, Who):
             answer: Answer = here(question, now_ns, time.monotonic_ns())
         else:
-            answer = self._paired(question)
+            answer = self._desk.answer(question, time.time())
         self._port.send_packet(encode(answer), where)
-
-    def _paired(self, question: PairBegin | PairConfirm) -> Answer:
-        try:
-            if isinstance(question, PairBegin):
-                return self._desk.begin(question, time.time())
-            return self._desk.confirm(question, time.time())
-        except (CodedError, OSError) as error:  # keys or offer can't be read or kept: no reason to end a session
-            _log.warning("pairing failed", why=str(error))
-            return PairRefused(exchange=question.exchange, left=None)
 
     # --------------------------------------------------------------------------------------------------------------
 
@@ -344,7 +235,7 @@ class JointsServer:
         laptop = self._laptop
         if laptop is None:
             return LinkHealth(at_ns=now_ns, host="", connected=False, foreign_peers=self._foreign)
-        return health_of(laptop.beats, laptop.name, now_ns, self._foreign, laptop.audit)
+        return laptop.health(now_ns, self._foreign)
 
     def _name_of(self, user: str) -> str:
         return next((peer.name for peer in peers_of(self._home) if peer.public == user), "?")
@@ -352,33 +243,3 @@ class JointsServer:
     def _wait_for_snapshots(self) -> None:
         session = self._session
         self._port.wait_as_well_for(None if session is None else session.snapshots.socket)
-
-
-def own_config(home: Home) -> Config:
-    """As the file is now: this command outlives changes of it. Raises AppError, also where the joints are elsewhere."""
-    config = load_config(home.config)
-    if config.joints.host:
-        raise AppError(LinkFault.HOST_HAS_HOST, host=config.joints.host)
-    return config
-
-
-def config_at_start(home: Home) -> Config:
-    """The file's; of a session that an earlier process left held, its own: no file keeps it from its laptop.
-
-    Raises AppError.
-    """
-    held = held_session(home)
-    return own_config(home) if held is None else held.config
-
-
-def serve_joints(home: Home, port: int, watch: Callable[[str], None]) -> None:
-    """Serve until SIGTERM or Ctrl-C. Raises AppError."""
-    config = config_at_start(home)
-    with ThreadPoolExecutor(1) as workers:
-        workers.submit(int).result()  # its thread is there before what the session's processes must not inherit
-        set_scheduling("link")
-        avoid_control_core(config.control_core)
-        with closing(JointsServer(home, port, workers)) as server:
-            for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
-                signal.signal(number, lambda *_: server.end())
-            server.run(watch)

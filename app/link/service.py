@@ -1,13 +1,22 @@
-"""The systemd service of the exoskeleton's computer, as `rleex joints --print-service` prints it."""
+"""`rleex joints`, the service of the exoskeleton's computer: its process, and the systemd file that starts it."""
 
 from __future__ import annotations
 
 import getpass
 import shlex
+import signal
 import sys
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 from pathlib import Path
 
+from app.link.served import own_config
+from app.link.server import JointsServer
+from app.session.shared import held_session
+from app.system.config import Config
 from app.system.paths import Home
+from app.system.scheduling import avoid_control_core, set_scheduling
 
 _SERVICE = """\
 # rleex joints --print-service | sudo tee /etc/systemd/system/rleex-joints.service
@@ -34,6 +43,28 @@ LimitMEMLOCK=infinity
 [Install]
 WantedBy=multi-user.target
 """
+
+
+def config_at_start(home: Home) -> Config:
+    """The file's; of a session that an earlier process left held, its own: no file keeps it from its laptop.
+
+    Raises AppError.
+    """
+    held = held_session(home)
+    return own_config(home) if held is None else held.config
+
+
+def serve_joints(home: Home, port: int, watch: Callable[[str], None]) -> None:
+    """Serve until SIGTERM or Ctrl-C. Raises AppError."""
+    config = config_at_start(home)
+    with ThreadPoolExecutor(1) as workers:
+        workers.submit(int).result()  # its thread is there before what the session's processes must not inherit
+        set_scheduling("link")
+        avoid_control_core(config.control_core)
+        with closing(JointsServer(home, port, workers)) as server:
+            for number in (signal.SIGTERM, signal.SIGINT, signal.SIGHUP):
+                signal.signal(number, lambda *_: server.end())
+            server.run(watch)
 
 
 def service_file(home: Home, port: int) -> str:

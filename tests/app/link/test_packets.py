@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from app.ipc.messages import AuditHealth
 from app.link.beats import BEAT_NS, LOST_NS, Beats, health_of
 from app.link.packets import MAX_BYTES, PacketSeal, new_packet_key
-from app.link.wire import Packet, StopMark
+from app.link.wire import LinkNotice, Packet, StopMark
 from logs.records import TrailEnd
 
 HOUR_NS, MS = 3_600_000_000_000, 1_000_000
@@ -125,7 +125,8 @@ def test_after_a_sleep_nothing_is_said_of_the_clocks_until_a_whole_round_trip_an
         exchange(laptop, joints, woke_ns + number * BEAT_NS, HOUR_NS + stood_ns, MS)
     assert laptop.clock is not None
     assert abs(laptop.clock.offset_ns - HOUR_NS - stood_ns) <= laptop.clock.uncertainty_ns < 2 * MS
-    assert (laptop.steps, round(laptop.step_ns / 1e9)) == (1, 30)
+    assert laptop.steps == 1
+    assert [(notice, round(step_s)) for notice, step_s in laptop.new_steps()] == [(LinkNotice.CLOCK_STEPPED, 30)]
     record = laptop.other_trail(health, woke_ns + 10 * BEAT_NS)
     assert record is not None
     assert abs(record.offset_ns - HOUR_NS - stood_ns) <= record.uncertainty_ns
@@ -149,11 +150,12 @@ def test_a_link_that_was_lost_is_told_when_it_is_back() -> None:
     assert beats.lost(0)
     assert not beats.take(Packet(number=1, sent_ns=1), 1_000)
     assert not beats.take(Packet(number=2, sent_ns=2), 1_000 + LOST_NS)
-    assert beats.take(Packet(number=3, sent_ns=3), 1_001 + 2 * LOST_NS)
+    assert beats.take(Packet(number=3, sent_ns=3), 1_001 + 2 * LOST_NS) == LOST_NS + 1
 
 
 def test_a_set_wall_clock_of_the_other_host_is_told() -> None:
     beats = Beats()
     for number, wall_ns in enumerate((10, 11, 3_000_000_011, 3_000_000_012), 1):
         beats.take(Packet(number=number, sent_ns=number, wall_ns=wall_ns), number)
-    assert beats.wall_step_ns == 3_000_000_000
+    assert beats.new_steps() == [(LinkNotice.OTHER_CLOCK_STEPPED, 3.0)]
+    assert beats.new_steps() == [], "each once"

@@ -17,7 +17,8 @@ import pytest
 from app.demo.two_hosts import free_port
 from app.link.packets import PacketSeal, new_packet_key
 from app.link.port import Where
-from app.link.server import JointsServer, config_at_start
+from app.link.server import JointsServer
+from app.link.service import config_at_start
 from app.link.wire import VERSION, Hello, Packet, SessionRequest, StopMark, ToJoints, program
 from app.session.host import make_setup
 from app.session.shared import share
