@@ -11,7 +11,7 @@ import argon2
 import pytest
 from hypothesis import HealthCheck, settings
 
-from app.system import operators
+from app.system import operators, sign_in
 from app.system.paths import find_home
 from app.text import catalogue
 from app.text.compile import compile_catalogues
@@ -77,4 +77,4 @@ def cheap_pins(monkeypatch: pytest.MonkeyPatch) -> None:
     """The real argon2 at a cost that lets a test try many PINs; sessions with real processes pay the whole cost."""
     cheap = argon2.PasswordHasher(time_cost=1, memory_cost=64, parallelism=1)
     monkeypatch.setattr(operators, "_hasher", lambda: cheap)
-    monkeypatch.setattr(operators, "_STRANGER_HASH", cheap.hash("nobody's"))
+    monkeypatch.setattr(sign_in, "_STRANGER_HASH", cheap.hash("nobody's"))

@@ -15,8 +15,9 @@ from app.cli.common import CliFault, HomeOption, check_finite, check_output, pri
 from app.cli.permission import ask, sign_in
 from app.system.enrolment import NEVER_BY_TOKEN, enrol, enrol_first, give_pin, issue_token
 from app.system.errors import AppError
-from app.system.operators import PERMISSIONS, OperatorFault, Permission, Role, is_locked, load_store
+from app.system.operators import PERMISSIONS, OperatorFault, Permission, Role, load_store
 from app.system.paths import Home, find_home
+from app.system.sign_in import is_locked
 from app.text.catalogue import tr
 from logs.reason import sanitize_terminal
 

@@ -15,7 +15,8 @@ from typing import TYPE_CHECKING
 import typer
 
 from app.system.errors import AppError
-from app.system.operators import Permission, append_to_journal
+from app.system.journals import append_to_journal
+from app.system.operators import Permission
 from app.system.paths import Home, find_home
 from app.text.catalogue import tr
 from logs.reason import reason

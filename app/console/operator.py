@@ -17,6 +17,7 @@ from app.console.screens.signin import SignInDialog
 from app.system.authority import Authority, unsigned
 from app.system.config import Config, SessionSetup
 from app.system.errors import AppError
+from app.system.journals import append_waiting, are_recorded
 from app.system.operators import Permission, load_store, needs_sign_in
 from app.system.paths import Home
 from app.text.catalogue import knows, tr
@@ -151,8 +152,6 @@ class ConsoleTrail:
         """
         if not (waiting := tuple(self._waiting)):
             return
-        from app.system.operators_journal import append_waiting, are_recorded  # brings cryptography
-
         try:
             append_waiting(home, waiting)
         except AuditError as error:

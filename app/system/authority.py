@@ -15,18 +15,10 @@ from typing import Any
 
 from app.system.config import Config, JointsConfig, load_config
 from app.system.errors import AppError
-from app.system.operators import (
-    PERMISSIONS,
-    Operator,
-    Permission,
-    Role,
-    SignInResult,
-    append_to_journal,
-    load_store,
-    needs_sign_in,
-    try_pin,
-)
+from app.system.journals import append_to_journal
+from app.system.operators import PERMISSIONS, Operator, Permission, Role, load_store, needs_sign_in
 from app.system.paths import Home
+from app.system.sign_in import SignInResult, try_pin
 from logs.reason import Reason
 from logs.records import Change
 from profiles.store import Change as ProfileChange

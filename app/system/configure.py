@@ -14,7 +14,8 @@ import tomlkit
 from app.system.authority import Authority, Proof, Subject
 from app.system.config import Config, ConfigFault, load_config
 from app.system.errors import AppError
-from app.system.operators import Permission, append_to_journal
+from app.system.journals import append_to_journal
+from app.system.operators import Permission
 from app.system.paths import Home
 from logs.journal import CHANGES, parts_of
 from logs.read import records

@@ -1,18 +1,17 @@
 """Who may use the console: names, roles and PINs, and the one table of what each role may do.
 
-Pure: a store goes in, a changed store comes out, time is an argument. Only `load_store` and `save_store` touch the
-disk. There is no default PIN; the first operator of a home is an engineer whom the first run sets up. Simulation and
-training need no sign-in.
+Pure: a store goes in, a changed store comes out. Only `load_store`, `save_store` and `store_held` touch the disk. There
+is no default PIN; the first operator of a home is an engineer whom the first run sets up. Simulation and training need
+no sign-in.
 """
 
 from __future__ import annotations
 
 import fcntl
 import os
-import time
 import unicodedata
 from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext, suppress
+from contextlib import contextmanager
 from enum import Enum
 from functools import cache
 from itertools import pairwise
@@ -26,10 +25,8 @@ from msgspec.structs import replace
 from app.system.config import Config
 from app.system.errors import AppError
 from app.system.files import open_lock
-from app.system.paths import Home
 from logs.reading.errors import cause_of
 from logs.reading.formats import read_json
-from logs.records import Body, Change
 
 if TYPE_CHECKING:
     import argon2
@@ -121,22 +118,19 @@ class OperatorStore(Struct, frozen=True, kw_only=True, forbid_unknown_fields=Tru
         wanted = _key(name)
         return next((operator for operator in self.operators if _key(operator.name) == wanted), None)
 
+    def replacing(self, changed: Operator) -> OperatorStore:
+        """With this one in the place of who has the same name."""
+        operators = tuple(changed if _key(each.name) == _key(changed.name) else each for each in self.operators)
+        return replace(self, operators=operators)
 
-class SignInResult(Struct, frozen=True, kw_only=True):
-    """What a sign-in gave; `store` is to be saved where it differs."""
-
-    store: OperatorStore
-    operator: Operator | None
-    fault: OperatorFault | None = None  # why it was refused
-    failures: int = 0
-    wait_s: float = 0.0  # until the next attempt is checked
+    def is_last_engineer(self, operator: Operator) -> bool:
+        """Whether nobody else could manage operators."""
+        engineers = {_key(one.name) for one in self.operators if one.enabled and one.role is Role.ENGINEER}
+        return operator.role is Role.ENGINEER and engineers <= {_key(operator.name)}
 
 
 MIN_DIGITS, MAX_DIGITS = 6, 12
 MAX_NAME = 60
-FREE_FAILURES = 2  # typing errors
-LONGEST_WAIT_S = 300.0
-LOCKS_AFTER = 12  # wrong PINs in a row; with the waits that is more than half an hour of trying
 
 
 @cache
@@ -147,37 +141,14 @@ def _hasher() -> argon2.PasswordHasher:
     return argon2.PasswordHasher()
 
 
-def sign_in(store: OperatorStore, name: str, pin: str, now_s: float) -> SignInResult:
-    """Try a name and a PIN at a wall-clock time in seconds. A name that doesn't exist costs the same time.
+def pin_matches(pin_hash: str, pin: str) -> bool:
+    """Whether it is the hash of this PIN."""
+    import argon2
 
-    Too many wrong PINs lock a name (`is_locked`); names that don't exist only wait, since nobody could open them.
-    """
-    operator = store.find(name)
-    wait_s = (operator.wait_until_s if operator else store.stranger_wait_until_s) - now_s
-    if wait_s > LONGEST_WAIT_S:  # never given: the clock has been set back, which must lock nobody out for years
-        wait_s = 0.0
-    failures = operator.failures if operator else store.stranger_failures
-    if operator is not None and is_locked(store, operator):
-        return SignInResult(store=store, operator=None, fault=OperatorFault.LOCKED, failures=failures)
-    if wait_s > 0:
-        fault = OperatorFault.TOO_MANY_ATTEMPTS
-        return SignInResult(store=store, operator=None, fault=fault, failures=failures, wait_s=wait_s)
-    matches = _matches(operator.pin_hash if operator else _STRANGER_HASH, pin)
-    if operator is not None and operator.enabled and matches:
-        fresh = replace(operator, failures=0, wait_until_s=0.0)
-        store = replace(store, stranger_failures=0, stranger_wait_until_s=0.0)
-        return SignInResult(store=_with(store, fresh), operator=fresh)
-    return _failed(store, operator, failures + 1, now_s)
-
-
-def is_locked(store: OperatorStore, operator: Operator) -> bool:
-    """Whether it takes another PIN, given by an engineer, to let them in again; the last engineer only waits."""
-    return operator.failures >= LOCKS_AFTER and not _is_last_engineer(store, operator)
-
-
-def wait_after(failures: int) -> float:
-    """Seconds before the next attempt: none for typing errors, then doubling to five minutes."""
-    return 0.0 if failures <= FREE_FAILURES else min(2.0 ** min(failures - FREE_FAILURES, 20), LONGEST_WAIT_S)
+    try:
+        return _hasher().verify(pin_hash, pin.encode("utf-8", "replace"))
+    except (argon2.exceptions.VerificationError, argon2.exceptions.InvalidHashError):
+        return False
 
 
 def needs_sign_in(config: Config) -> bool:
@@ -205,31 +176,16 @@ def add_operator(store: OperatorStore, name: str, role: Role, pin: str) -> Opera
 def disable_operator(store: OperatorStore, name: str) -> OperatorStore:
     """A store in which nobody can sign in by that name. Raises AppError for strangers and the last engineer."""
     operator = _existing(store, name)
-    if _is_last_engineer(store, operator):
+    if store.is_last_engineer(operator):
         raise AppError(OperatorFault.LAST_ENGINEER, name=operator.name)
-    return _with(store, replace(operator, enabled=False))
+    return store.replacing(replace(operator, enabled=False))
 
 
 def change_pin(store: OperatorStore, name: str, pin: str) -> OperatorStore:
     """A store with another PIN for an operator, who is enabled by it. Raises AppError."""
     operator = _existing(store, name)
     pin_hash = _hasher().hash(_checked_pin(pin))
-    return _with(store, replace(operator, pin_hash=pin_hash, enabled=True, failures=0, wait_until_s=0.0))
-
-
-def try_pin(folder: Path, name: str, pin: str, now_s: float) -> SignInResult:
-    """`sign_in` with the operators kept in a key folder, and the outcome kept: wrong PINs count over restarts.
-
-    Raises AppError when they can't be read, or a wrong PIN can't be counted. The right one needs no disk: a full one
-    must keep nobody from legs that are held. What it forgets of earlier failures is then forgotten another time.
-    """
-    with store_held(folder):
-        before = load_store(folder)
-        result = sign_in(before, name, pin, now_s)
-        if result.store != before:
-            with suppress(AppError) if result.operator else nullcontext():
-                save_store(folder, result.store)
-    return result
+    return store.replacing(replace(operator, pin_hash=pin_hash, enabled=True, failures=0, wait_until_s=0.0))
 
 
 @contextmanager
@@ -271,37 +227,6 @@ def save_store(folder: Path, store: OperatorStore) -> None:
         raise AppError(OperatorFault.STORE_NOT_SAVED, path=path, detail=error.strerror) from error
 
 
-def _is_last_engineer(store: OperatorStore, operator: Operator) -> bool:
-    engineers = {_key(one.name) for one in store.operators if one.enabled and one.role is Role.ENGINEER}
-    return operator.role is Role.ENGINEER and engineers <= {_key(operator.name)}
-
-
-def _failed(store: OperatorStore, operator: Operator | None, failures: int, now_s: float) -> SignInResult:
-    wait_s = wait_after(failures)
-    until_s = now_s + wait_s if wait_s else 0.0
-    if operator is None:
-        changed = replace(store, stranger_failures=failures, stranger_wait_until_s=until_s)
-    else:
-        changed = _with(store, replace(operator, failures=failures, wait_until_s=until_s))
-    return SignInResult(
-        store=changed, operator=None, fault=OperatorFault.WRONG_NAME_OR_PIN, failures=failures, wait_s=wait_s
-    )
-
-
-def _matches(pin_hash: str, pin: str) -> bool:
-    import argon2
-
-    try:
-        return _hasher().verify(pin_hash, pin.encode("utf-8", "replace"))
-    except (argon2.exceptions.VerificationError, argon2.exceptions.InvalidHashError):
-        return False
-
-
-def _with(store: OperatorStore, changed: Operator) -> OperatorStore:
-    operators = tuple(changed if _key(each.name) == _key(changed.name) else each for each in store.operators)
-    return replace(store, operators=operators)
-
-
 def _existing(store: OperatorStore, name: str) -> Operator:
     operator = store.find(name)
     if operator is None:
@@ -327,17 +252,3 @@ def _checked_pin(pin: str) -> str:
     if len(steps) == 1 and steps <= {-1, 0, 1}:
         raise AppError(OperatorFault.GUESSABLE_PIN)
     return pin
-
-
-# Hashed with the same cost as everybody's, so that a stranger's name is not betrayed by a quick answer.
-_STRANGER_HASH = "$argon2id$v=19$m=65536,t=3,p=4$AAAAAAAAAAAAAAAAAAAAAA$AAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAAA"
-
-
-def append_to_journal(home: Home, body: Body, operator: str = "") -> None:
-    """Record it for good, or raise AuditError: who may not be recorded may not be let in."""
-    from logs.journal import CHANGES, OPERATORS, Moment, append_signed
-    from logs.keys import load_or_make_key
-
-    moment = Moment(wall_ns=time.time_ns(), monotonic_ns=time.monotonic_ns(), operator=operator)
-    path = home.logs / (CHANGES if isinstance(body, Change) else OPERATORS)
-    append_signed(path, path.stem, [body], load_or_make_key(home.keys), moment)

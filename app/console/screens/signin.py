@@ -18,7 +18,8 @@ from app.system.authority import Authority, Proof, of_operator
 from app.system.config import SessionSetup
 from app.system.enrolment import enrol_first
 from app.system.errors import AppError
-from app.system.operators import Operator, load_store, may_take_over, try_pin
+from app.system.operators import Operator, load_store, may_take_over
+from app.system.sign_in import try_pin
 from app.text.catalogue import render, tr
 from logs.reason import reason
 from logs.records import SignIn, SignInFailed

@@ -21,7 +21,7 @@ from app.cli import permission as permissions
 from app.cli.common import CliFault
 from app.cli.permission import TOKEN_VARIABLE
 from app.cli.tree import tree
-from app.system import operators
+from app.system import operators, sign_in
 from app.system.authority import Authority, AuthorityFault, Proof, unsigned
 from app.system.config import Config, ConfigFault, JointsConfig, load_config
 from app.system.enrolment import TokenFault, by_token, enrol, enrol_first, give_pin, issue_token
@@ -412,22 +412,22 @@ def refusal(home: Home, token: Path, now_s: float | None = None) -> object:
 
 def test_wrong_pins_are_counted_recorded_and_lock_over_restarts(clinic: Home, monkeypatch: pytest.MonkeyPatch) -> None:
     now_s, found = 1e9, []
-    for _ in range(operators.LOCKS_AFTER + 2):
+    for _ in range(sign_in.LOCKS_AFTER + 2):
         signs_in(monkeypatch, "Ben", "000111")
         monkeypatch.setattr("app.cli.permission.time.time", lambda: now_s)  # noqa: B023 - called at once
         with pytest.raises(AppError) as refused:
             call("profile new")
         found.append(refused.value.code.name)
         now_s += 1000.0
-    assert found == ["WRONG_NAME_OR_PIN"] * operators.LOCKS_AFTER + ["LOCKED"] * 2
+    assert found == ["WRONG_NAME_OR_PIN"] * sign_in.LOCKS_AFTER + ["LOCKED"] * 2
     signs_in(monkeypatch, "Ben")
     with pytest.raises(AppError, match="LOCKED") as refused:
         call("profile new")
     assert wording(refused.value)
     failed = [record for part in parts_of(clinic.logs / OPERATORS) for record in records(part)]
-    assert sum(isinstance(record.body, SignInFailed) for record in failed) == operators.LOCKS_AFTER + 3
+    assert sum(isinstance(record.body, SignInFailed) for record in failed) == sign_in.LOCKS_AFTER + 3
     give_pin(enrolled(clinic), "Ben", "135790")
-    assert operators.try_pin(clinic.keys, "Ben", "135790", now_s).operator is not None
+    assert sign_in.try_pin(clinic.keys, "Ben", "135790", now_s).operator is not None
 
 
 AT_ITS_TERMINAL = """
@@ -475,14 +475,14 @@ def _read(terminal: int) -> str:
 
 def test_from_outside_wrong_pins_make_the_right_one_wait_and_lock_it(clinic: Home) -> None:
     """Each attempt is a process: what was tried before it counts."""
-    for _ in range(operators.FREE_FAILURES + 4):
-        assert operators.try_pin(clinic.keys, "Ada", "000111", time.time()).operator is None
+    for _ in range(sign_in.FREE_FAILURES + 4):
+        assert sign_in.try_pin(clinic.keys, "Ada", "000111", time.time()).operator is None
         _let_the_wait_pass(clinic, "Ada")
-    assert operators.try_pin(clinic.keys, "Ada", "000111", time.time()).wait_s > 10.0
+    assert sign_in.try_pin(clinic.keys, "Ada", "000111", time.time()).wait_s > 10.0
     status, printed = at_a_terminal(clinic, "Ada", PIN)
     assert (status, "wait" in printed) == (2, True), printed
-    for _ in range(operators.LOCKS_AFTER):
-        operators.try_pin(clinic.keys, "Ben", "000111", time.time())
+    for _ in range(sign_in.LOCKS_AFTER):
+        sign_in.try_pin(clinic.keys, "Ben", "000111", time.time())
         _let_the_wait_pass(clinic, "Ben")
     status, printed = at_a_terminal(clinic, "Ben", PIN)
     assert (status, "locked" in printed) == (2, True), printed

@@ -18,8 +18,9 @@ from app.console.screens.session import SessionScreen
 from app.console.screens.signin import SignInDialog
 from app.ipc.messages import OperatorKind
 from app.system.config import Config, JointsConfig
-from app.system.operators import Role, SignInResult, add_operator, load_store, save_store, try_pin
+from app.system.operators import Role, add_operator, load_store, save_store
 from app.system.paths import Home
+from app.system.sign_in import SignInResult, try_pin
 from logs.journal import CHANGES, OPERATORS
 from logs.read import records
 from logs.records import SignIn, SignInFailed

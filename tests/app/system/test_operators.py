@@ -17,9 +17,6 @@ from app.cli import cli, permission
 from app.system.config import Config, JointsConfig
 from app.system.errors import AppError
 from app.system.operators import (
-    FREE_FAILURES,
-    LOCKS_AFTER,
-    LONGEST_WAIT_S,
     PERMISSIONS,
     OperatorFault,
     OperatorStore,
@@ -28,16 +25,13 @@ from app.system.operators import (
     add_operator,
     change_pin,
     disable_operator,
-    is_locked,
     load_store,
     needs_sign_in,
     save_store,
-    sign_in,
     store_held,
-    try_pin,
-    wait_after,
 )
 from app.system.paths import Home
+from app.system.sign_in import FREE_FAILURES, LOCKS_AFTER, LONGEST_WAIT_S, is_locked, sign_in, try_pin, wait_after
 from logs.journal import CHANGES, OPERATORS
 from logs.keys import by_fingerprint, known_keys
 from logs.read import records
