@@ -16,7 +16,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from app.cli.evaluate.gestures import detected_images, fitted_beside, fitted_digital
+from app.cli.evaluate.keypoints import detected_images, fitted_beside, fitted_digital
 from app.evaluate.gestures.fit import MEMBERS, fit
 from app.evaluate.gestures.folds import view_set
 from app.evaluate.gestures.simulated import simulate

@@ -10,10 +10,10 @@ from typing import NoReturn
 
 import typer
 
-from app.cli.evaluate import gestures, loop, trigger, voice
+from app.cli.evaluate import detection, gestures, loop, trigger, voice
 
 cli = typer.Typer(no_args_is_help=True)
-for subject in (gestures, loop, trigger, voice):
+for subject in (gestures, detection, loop, trigger, voice):
     cli.add_typer(subject.cli)
 
 

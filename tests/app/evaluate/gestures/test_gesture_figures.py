@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from app.cli.evaluate.gestures import detected_images, fitted_beside
+from app.cli.evaluate.keypoints import detected_images, fitted_beside
 from app.cli.tree import command
 from app.evaluate.gestures.corrections import shown_label
 from app.evaluate.gestures.images import classify_all, load_hands, published_classifier, save_hands

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from app.cli.evaluate.gestures import detected_images
+from app.cli.evaluate.keypoints import detected_images
 from app.cli.tree import command
 from app.evaluate.gestures.images import contents_of, load_hands, save_hands, unseen_image
 from app.evaluate.harness import EvaluateFault
@@ -46,7 +46,7 @@ class Lamp:
 def lamp(monkeypatch: pytest.MonkeyPatch) -> Lamp:
     made = Lamp()
     monkeypatch.setattr("kgdfa.keypoints.HandDetector", lambda *_, **__: nullcontext(made))
-    monkeypatch.setattr("app.cli.evaluate.gestures.hand_model", lambda _: Path("model"))
+    monkeypatch.setattr("app.cli.evaluate.keypoints.hand_model", lambda _: Path("model"))
     monkeypatch.setattr("os.cpu_count", lambda: 1)  # in their order
     return made
 

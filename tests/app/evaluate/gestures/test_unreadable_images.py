@@ -17,7 +17,7 @@ from PIL import Image
 
 from app.cli.common import show
 from app.cli.evaluate.common import unreadable_lines
-from app.cli.evaluate.gestures import detected_images
+from app.cli.evaluate.keypoints import detected_images
 from app.evaluate.distance.frames import figures as distance_figures
 from app.evaluate.distance.frames import measure_frames
 from app.evaluate.distance.table5 import Table5, _Held, _row, tables

@@ -103,7 +103,7 @@ def test_a_pool_ends_with_its_parent_however_that_ends(tmp_path: Path) -> None:
 TOLD = """
 import os, signal, sys
 from app.cli import main
-from app.cli.evaluate import gestures
+from app.cli.evaluate import keypoints
 def read(_):
     try:
         os.kill(os.getpid(), signal.SIGTERM)
@@ -111,7 +111,7 @@ def read(_):
     finally:
         os.kill(os.getpid(), signal.SIGTERM)
         print("work is kept", flush=True)
-gestures.read_labels = read
+keypoints.read_labels = read
 main()
 """
 
