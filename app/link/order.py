@@ -9,8 +9,10 @@ from collections import deque
 from collections.abc import Iterable
 from dataclasses import dataclass, field
 
-from app.ipc.messages import OperatorCommand
-from app.link.wire import COMMANDS_A_FRAME, FRAMES_IN_FLIGHT, StopMark
+from msgspec.structs import replace
+
+from app.ipc.messages import STOP_KINDS, OperatorCommand, OperatorKind
+from app.link.wire import COMMANDS_A_FRAME, FRAMES_IN_FLIGHT, Packet, StopMark, mark_of
 
 MOST_WAITING = 256  # commands; hands press a few a second
 STOPS_A_PACKET = 8
@@ -96,6 +98,42 @@ class WaitingStops:
     def next(self) -> tuple[StopMark, ...]:
         """What the next packet carries."""
         return tuple(self._waiting[-STOPS_A_PACKET:])
+
+
+@dataclass(slots=True)
+class ConsoleCommands:
+    """What the laptop's consoles command: in frames, and what must not wait for one on every packet."""
+
+    outbox: Outbox = field(default_factory=Outbox)
+    stops: WaitingStops = field(default_factory=WaitingStops)
+    heartbeat_ns: int = 0  # the newest of the console that commands
+    _lease: int = 0  # of that console
+    _acknowledged_ns: int = 0  # when it acknowledged events last
+
+    def add(self, command: OperatorCommand) -> bool:
+        """One more was given; False when the queue is full: the caller must tell."""
+        if command.kind is OperatorKind.TAKE_OVER and command.lease > self._lease:
+            self._lease, self._acknowledged_ns = command.lease, 0
+        if command.kind is OperatorKind.HEARTBEAT:
+            self._lease = self._lease or command.lease
+            if command.lease == self._lease:
+                self.heartbeat_ns = command.sent_ns
+            return True
+        if command.kind is OperatorKind.ACKNOWLEDGE and command.lease == self._lease:
+            self._acknowledged_ns = command.sent_ns
+        if command.kind in STOP_KINDS:
+            self.stops.add(mark_of(command))
+        return self.outbox.add(command)
+
+    def on(self, packet: Packet) -> Packet:
+        """The packet with what it carries of them."""
+        return replace(
+            packet,
+            stops=self.stops.next,
+            acknowledged_ns=self._acknowledged_ns,
+            heartbeat_ns=self.heartbeat_ns,
+            lease=self._lease,
+        )
 
 
 @dataclass(slots=True)
