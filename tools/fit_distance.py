@@ -16,7 +16,8 @@ import numpy as np
 import typer
 from numpy.typing import NDArray
 
-from app.evaluate.digital import PoolDetector, detector_pool, held, map_pool, take, tilted
+from app.evaluate.detector_pool import PoolDetector, detector_pool, map_pool
+from app.evaluate.hand_motions import held, take, tilted
 from app.evaluate.readings import GESTURE_NAMES
 from hal.cameras.digital_hand.render import lens_for, person_of
 from kgdfa.robust_distance import RobustRange

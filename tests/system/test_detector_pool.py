@@ -12,7 +12,7 @@ from typing import Any
 import psutil
 import pytest
 
-from app.evaluate.digital import detector_pool
+from app.evaluate.detector_pool import detector_pool
 from app.evaluate.harness import EvaluateFault, process_pool
 from app.system.errors import AppError
 from kgdfa.errors import KgdfaError, KgdfaFault
@@ -20,7 +20,7 @@ from kgdfa.errors import KgdfaError, KgdfaFault
 LIMIT_S = 60.0
 PARENT = """
 import os, pathlib, sys, time
-from app.evaluate.digital import detector_pool
+from app.evaluate.detector_pool import detector_pool
 if __name__ == "__main__":
     with detector_pool(pathlib.Path(sys.argv[1]), 1) as pool:
         print(pool.submit(os.getpid).result(), flush=True)

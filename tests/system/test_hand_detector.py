@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.evaluate.digital import Moment, PoolDetector, held, take
+from app.evaluate.detector_pool import PoolDetector
+from app.evaluate.hand_motions import Moment, held, take
 from hal.cameras.digital_hand.render import lens_for, person_of
 from kgdfa.hand import FloatArray
 from kgdfa.keypoints import SILENCE, live_detector

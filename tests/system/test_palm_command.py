@@ -10,7 +10,7 @@ import pytest
 from typer.testing import CliRunner
 
 from app.cli.tree import tree
-from app.evaluate.digital import held, take
+from app.evaluate.hand_motions import held, take
 from app.system.paths import Home
 from hal.cameras.digital_hand.render import lens_for, person_of
 from profiles.errors import ProfileError, ProfileFault

@@ -72,7 +72,7 @@ def detector_processes(
     home: Path | None, workers: int, total: int
 ) -> Iterator[tuple[ProcessPoolExecutor, Callable[[], None]]]:
     """Processes with a detector each, and a bar for the pieces of work."""
-    from app.evaluate.digital import detector_pool
+    from app.evaluate.detector_pool import detector_pool
 
     with detector_pool(hand_model(home), workers) as pool, progress("simulating", total) as step:
         yield pool, step

@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from app.evaluate.digital import Moment, PoolDetector, held, map_pool, take, tilted, walk
+from app.evaluate.detector_pool import PoolDetector, map_pool
 from app.evaluate.distance.frames import COLUMNS, STYLES, DistanceFigures, figures, values
+from app.evaluate.hand_motions import Moment, held, take, tilted, walk
 from app.evaluate.harness import DISTANCES_CM, MODES, Step, decimals, decorate, figure, mean, percent, table
 from app.evaluate.readings import GESTURE_NAMES
 from app.text.catalogue import tr

@@ -16,7 +16,8 @@ from pathlib import Path
 
 from rich.table import Table
 
-from app.evaluate.digital import GAP_NS, MEASURE_SEEDS, image_of_scene, scene_of, side_of
+from app.evaluate.detector_pool import GAP_NS
+from app.evaluate.digital import MEASURE_SEEDS, image_of_scene, scene_of, side_of
 from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, percent, table
 from app.evaluate.readings import GESTURE_NAMES, DetectedImage, LabelledImage, read_image
 from app.system.errors import AppError

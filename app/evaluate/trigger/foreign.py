@@ -20,7 +20,8 @@ from typing import Any
 from msgspec import Struct, structs
 from rich.table import Table
 
-from app.evaluate.digital import PoolDetector, iterate_pool, side_of
+from app.evaluate.detector_pool import PoolDetector, iterate_pool
+from app.evaluate.digital import side_of
 from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, keep_line, kept_lines, table
 from app.evaluate.loop.response import APPROACH_M, THRESHOLD_M
 from app.evaluate.trigger.foreign_clips import (

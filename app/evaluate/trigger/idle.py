@@ -22,7 +22,8 @@ import numpy as np
 from msgspec import Struct, structs
 from rich.table import Table
 
-from app.evaluate.digital import HEIGHT_M, side_of, smooth_path, take, tilted, walk
+from app.evaluate.digital import side_of
+from app.evaluate.hand_motions import HEIGHT_M, smooth_path, take, tilted, walk
 from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, reading, table, write_whole
 from app.evaluate.noise import residual, with_noise
 from app.evaluate.readings import GESTURE_NAMES

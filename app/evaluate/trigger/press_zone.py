@@ -10,7 +10,9 @@ import cv2
 import numpy as np
 from rich.table import Table
 
-from app.evaluate.digital import Moment, PoolDetector, centred, map_pool, smooth, take
+from app.evaluate.detector_pool import PoolDetector, map_pool
+from app.evaluate.digital import centred
+from app.evaluate.hand_motions import Moment, smooth, take
 from app.evaluate.harness import FRAME_NS, Step, percent, table
 from app.evaluate.readings import GESTURE_NAMES
 from app.evaluate.trigger.table6 import replay_pipeline

@@ -16,7 +16,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from app.evaluate.digital import PoolDetector, iterate_pool
+from app.evaluate.detector_pool import PoolDetector, iterate_pool
 from app.evaluate.harness import FRAME_NS, EvaluateFault, Step
 from app.evaluate.loop.response import APPROACH_M, THRESHOLD_M, shared
 from app.evaluate.trigger.push_results import ButtonPhase, Push, PushFault, PushFrame, PushRun

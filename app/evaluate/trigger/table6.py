@@ -23,8 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 from rich.table import Table
 
-from app.evaluate.digital import CHANGES, Moment, PoolDetector, approach_and_change, map_pool, take
+from app.evaluate.detector_pool import PoolDetector, map_pool
 from app.evaluate.distance.frames import STYLES
+from app.evaluate.hand_motions import CHANGES, Moment, approach_and_change, take
 from app.evaluate.harness import DISTANCES_CM, FRAME_NS, MODES, Step, decorate, figure, table
 from app.perception.pipeline import RANGES, RULES
 from app.text.catalogue import tr

@@ -16,7 +16,7 @@ from app.demo.session import SessionResult
 from app.evaluate.harness import EvaluateFault
 from app.evaluate.loop.response import ATTEMPTS, Rounds, Watch, evaluate_response, shared, wearer
 from app.evaluate.loop.table7 import PAPER, ResponseResult, response_table, shown
-from app.ipc.messages import ActionReport
+from app.ipc.snapshot import ActionReport
 from app.ipc.states import ACTION_OF, Action, GaitState, Source
 from app.system.config import Config
 from app.system.errors import AppError

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from app.evaluate.digital import PoolDetector
+from app.evaluate.detector_pool import PoolDetector
 from app.evaluate.harness import EvaluateFault, kept_lines
 from app.evaluate.loop.response import APPROACH_M
 from app.evaluate.trigger import foreign

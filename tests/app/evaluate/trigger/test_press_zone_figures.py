@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from app.evaluate.digital import PoolDetector
+from app.evaluate.detector_pool import PoolDetector
 from app.evaluate.readings import GESTURE_NAMES
 from app.evaluate.trigger.press_zone import (
     FIRST_HAND,

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from rich.table import Table
 
-from app.evaluate.digital import PoolDetector
+from app.evaluate.detector_pool import PoolDetector
 from app.evaluate.harness import FRAME_NS, EvaluateFault, click_range, seed_numbers
 from app.evaluate.loop.response import APPROACH_M, THRESHOLD_M
 from app.evaluate.trigger.push_results import ButtonPhase, Push, PushFault, PushRun, shown

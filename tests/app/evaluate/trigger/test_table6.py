@@ -6,7 +6,8 @@ from typing import cast
 
 import pytest
 
-from app.evaluate.digital import CHANGES, EDGE, EDGE_SHARE, FLIP, OPEN_CLOSE, Moment, PoolDetector
+from app.evaluate.detector_pool import PoolDetector
+from app.evaluate.hand_motions import CHANGES, EDGE, EDGE_SHARE, FLIP, OPEN_CLOSE, Moment
 from app.evaluate.trigger.table6 import CAMERAS, Change, ChangeOutcome, run_change
 from kgdfa.hand import Hand
 from kgdfa.keypoints import HandDetector
