@@ -12,20 +12,16 @@ from typing import TYPE_CHECKING, Any
 import msgspec
 
 from app.ipc.messages import (
-    ActionReport,
-    ActiveEvent,
     AuditHealth,
-    ControlSnapshot,
     GuardianHealth,
     HandCommand,
-    JointSnapshot,
     OperatorKind,
     PerceptionCommand,
     Preview,
     ProcessStatus,
-    RealTime,
     TriggerReport,
 )
+from app.ipc.snapshot import ActionReport, ActiveEvent, ControlSnapshot, JointSnapshot, RealTime
 from app.ipc.states import ACTION_OF, Action, Effect, Event, GaitState, Source
 from app.session.host import Latest
 from app.system.config import SessionSetup

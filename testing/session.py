@@ -25,7 +25,8 @@ import psutil
 from app.demo.session import record_pictures
 from app.ipc import streams as processes
 from app.ipc.links import LatestReceiver, address
-from app.ipc.messages import ControlSnapshot, GuardianHealth, Heartbeat, OperatorKind, TriggerReport
+from app.ipc.messages import GuardianHealth, Heartbeat, OperatorKind, TriggerReport
+from app.ipc.snapshot import ControlSnapshot
 from app.ipc.states import Action, Effect, GaitState
 from app.motion.plan import patient_of
 from app.motion.preflight import run_preflight

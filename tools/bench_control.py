@@ -29,7 +29,8 @@ from rich.table import Table
 
 from app.console.keys import GESTURE_KEYS
 from app.demo.drives import busy_processes
-from app.ipc.messages import ControlSnapshot, OperatorKind
+from app.ipc.messages import OperatorKind
+from app.ipc.snapshot import ControlSnapshot
 from app.ipc.states import ACTION_OF, Action
 from app.ipc.streams import LinkDirectory
 from app.session.shared import shared

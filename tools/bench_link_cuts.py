@@ -9,7 +9,8 @@ import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from app.ipc.messages import ControlSnapshot, OperatorKind
+from app.ipc.messages import OperatorKind
+from app.ipc.snapshot import ControlSnapshot
 from app.ipc.states import Action, Effect, Event, Outcome
 from app.ipc.streams import OPERATOR
 from app.link.beats import LOST_NS

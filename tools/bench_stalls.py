@@ -25,7 +25,8 @@ from rich.progress import track
 from rich.table import Table
 
 from app.control.events.programs import CONTROL_LATE_MS, CONTROL_STALLED_MS
-from app.ipc.messages import ControlSnapshot, OperatorKind
+from app.ipc.messages import OperatorKind
+from app.ipc.snapshot import ControlSnapshot
 from app.ipc.states import Action, Effect, Event, Outcome
 from app.motion.dropout import dropouts_about, fastest_moment
 from app.motion.plan import Patient, patient_of

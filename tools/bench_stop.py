@@ -24,7 +24,8 @@ from rich.progress import track
 from rich.table import Table
 
 from app.demo.drives import busy_processes, emulated_drives
-from app.ipc.messages import ControlSnapshot, OperatorKind
+from app.ipc.messages import OperatorKind
+from app.ipc.snapshot import ControlSnapshot
 from app.ipc.states import Action, Effect, Event, GaitState
 from app.system.config import JointsConfig
 from app.text.catalogue import render

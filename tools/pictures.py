@@ -19,7 +19,7 @@ from textual.pilot import Pilot
 
 from app.console.app import ConsoleApp
 from app.console.screens.replay import ReplayScreen
-from app.ipc.messages import ControlSnapshot
+from app.ipc.snapshot import ControlSnapshot
 from app.ipc.states import Action, Effect, GaitState
 from app.system.config import Config, RecordingConfig, load_config
 from app.system.hand_model import set_up_model

@@ -12,7 +12,8 @@ import msgspec
 
 from app.console.session_index import Records, SessionRecord
 from app.evaluate.outcomes.walks import RecordedWalk, Walk
-from app.ipc.messages import ActionReport, ControlSnapshot, HandCommand, JointSnapshot, PerceptionCommand, TriggerReport
+from app.ipc.messages import HandCommand, PerceptionCommand, TriggerReport
+from app.ipc.snapshot import ActionReport, ControlSnapshot, JointSnapshot
 from app.ipc.states import Action, Effect, Event, GaitState, Outcome, Source
 from app.motion.plan import patient_of
 from app.perception.reporting import Image, PreviewPacer

@@ -9,7 +9,8 @@ from enum import Enum
 from app.console.state import SessionState
 from app.console.widgets.curves import joint_fault
 from app.console.widgets.panel import Lines, plain
-from app.ipc.messages import ControlSnapshot, ProcessStatus
+from app.ipc.messages import ProcessStatus
+from app.ipc.snapshot import ControlSnapshot
 from app.ipc.states import ACTION_OF, Effect, Event, GaitState
 from app.system.vocabulary import VocabularyStatus
 from app.text.catalogue import tr

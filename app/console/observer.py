@@ -15,7 +15,6 @@ from app.ipc import streams as processes
 from app.ipc.links import LatestReceiver, address
 from app.ipc.messages import (
     AuditHealth,
-    ControlSnapshot,
     GuardianHealth,
     HandCommand,
     LinkHealth,
@@ -26,6 +25,7 @@ from app.ipc.messages import (
     SessionStatus,
     TriggerReport,
 )
+from app.ipc.snapshot import ControlSnapshot
 from app.ipc.states import Action
 from app.session.host import Latest
 from app.session.shared import Peer, shared

@@ -9,7 +9,8 @@ from app.console.guidance import next_step
 from app.console.state import SessionState
 from app.console.widgets.gait import commanded_by
 from app.console.widgets.gesture import why_nothing
-from app.ipc.messages import ActiveEvent, ControlSnapshot, TriggerReport
+from app.ipc.messages import TriggerReport
+from app.ipc.snapshot import ActiveEvent, ControlSnapshot
 from app.ipc.states import Effect, Outcome
 from app.system.config import SoundsConfig
 from app.text.catalogue import render, tr

@@ -7,16 +7,8 @@ from enum import Enum, auto
 
 import msgspec
 
-from app.ipc.messages import (
-    ActiveEvent,
-    AuditHealth,
-    ControlSnapshot,
-    GuardianHealth,
-    LinkHealth,
-    Preview,
-    ProcessStatus,
-    TriggerReport,
-)
+from app.ipc.messages import AuditHealth, GuardianHealth, LinkHealth, Preview, ProcessStatus, TriggerReport
+from app.ipc.snapshot import ActiveEvent, ControlSnapshot
 from app.ipc.states import Effect
 from app.ipc.streams import SNAPSHOT, TRIGGER
 from app.session.host import Latest

@@ -10,15 +10,8 @@ import msgspec
 
 from app.ipc import streams
 from app.ipc.links import Address, LatestReceiver, OrderedReceiver, OrderedSender, Publisher, address
-from app.ipc.messages import (
-    AuditHealth,
-    ControlSnapshot,
-    GuardianHealth,
-    Heartbeat,
-    LinkHealth,
-    OperatorCommand,
-    TriggerReport,
-)
+from app.ipc.messages import AuditHealth, GuardianHealth, Heartbeat, LinkHealth, OperatorCommand, TriggerReport
+from app.ipc.snapshot import ControlSnapshot
 from app.motion.plan import Plan, PlanRequest, decode_table
 
 _M = TypeVar("_M", bound=msgspec.Struct)

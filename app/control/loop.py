@@ -20,7 +20,8 @@ from app.control.state import ControlState
 from app.control.step import initial_state, step
 from app.control.telemetry import Histogram, JointStatisticsCollector, LoopStatus, quad, snapshot
 from app.ipc import streams
-from app.ipc.messages import ControlSnapshot, Heartbeat, RealTime
+from app.ipc.messages import Heartbeat
+from app.ipc.snapshot import ControlSnapshot, RealTime
 from app.motion.plan import Phase
 from app.system.config import SessionSetup
 from app.system.legs_lock import share_legs

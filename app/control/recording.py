@@ -11,8 +11,9 @@ import numpy as np
 
 from app.control.inputs import Inputs, StreamState
 from app.control.telemetry import held_rad
-from app.ipc.messages import ControlSnapshot, OperatorCommand, OperatorKind
+from app.ipc.messages import OperatorCommand, OperatorKind
 from app.ipc.recording import BATCH_TICKS, QUANTITIES, Contact, LinkAges, TickBatch
+from app.ipc.snapshot import ControlSnapshot
 from app.ipc.streams import NS_PER_MS, RECORDING, LinkDirectory
 from app.recording import schemas
 from app.recording.sink import RecordingSink

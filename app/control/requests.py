@@ -13,7 +13,7 @@ from app.control.gait.machine import Answer, Change, Gait, Ignored, Latched, Ref
 from app.control.inputs import ActionRequest, new_release
 from app.control.running_action import RunningAction, command_record, new_report, plan_request
 from app.control.state import Tick
-from app.ipc.messages import ActionReport
+from app.ipc.snapshot import ActionReport
 from app.ipc.states import GESTURE_OF, Action, RequestRefusal, Source
 from app.ipc.streams import NS_PER_MS, TRIGGER
 from kgdfa.gesture import Gesture

@@ -12,7 +12,7 @@ from msgspec import Struct
 from msgspec.structs import asdict, replace
 
 from app.control.inputs import ActionRequest
-from app.ipc.messages import ActionReport
+from app.ipc.snapshot import ActionReport
 from app.ipc.states import GESTURE_OF, Action, GaitState, Outcome, Source
 from app.motion.plan import Phase, Plan, PlanRequest, quad
 from hal.joints.protocol import JointArray, JointCommand

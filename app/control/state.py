@@ -14,7 +14,7 @@ from app.control.inputs import ActionRequest, DriveOrder, Inputs, Outputs, Setti
 from app.control.running_action import RunningAction
 from app.control.silence import Silences
 from app.control.stop_inputs import StopInputStates
-from app.ipc.messages import ActionReport, PauseSummary
+from app.ipc.snapshot import ActionReport, PauseSummary
 from app.ipc.states import Action, Effect, GaitState, PauseCause
 from app.motion.follower import Motion
 from app.motion.plan import PlanRequest

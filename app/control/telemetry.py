@@ -14,7 +14,7 @@ from app.control.events.table import ROW, RaisedEvent, blocker
 from app.control.gait import machine as gait_machine
 from app.control.inputs import Inputs
 from app.control.state import ControlState
-from app.ipc.messages import ActiveEvent, ControlSnapshot, JointSnapshot, Lateness, RealTime, StopInputSnapshot
+from app.ipc.snapshot import ActiveEvent, ControlSnapshot, JointSnapshot, Lateness, RealTime, StopInputSnapshot
 from app.ipc.states import Action, RequestRefusal, Source
 from app.ipc.streams import NS_PER_MS
 from app.motion.follower import Mode

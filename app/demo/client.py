@@ -6,7 +6,8 @@ import time
 from collections.abc import Callable
 
 from app.demo.drives import DemoFault
-from app.ipc.messages import ActionReport, ControlSnapshot, HandCommand, OperatorKind, TriggerReport
+from app.ipc.messages import HandCommand, OperatorKind, TriggerReport
+from app.ipc.snapshot import ActionReport, ControlSnapshot
 from app.ipc.states import Action, Effect, GaitState
 from app.session.host import SessionHost
 from app.system.errors import AppError

@@ -13,7 +13,8 @@ from rich.table import Table
 from app.audit.sink import AuditSink
 from app.demo.runner import ScenarioRunner
 from app.demo.scenario import Attempt, Step, run_scenario, spread
-from app.ipc.messages import Lateness, PauseSummary, PerceptionCommand
+from app.ipc.messages import PerceptionCommand
+from app.ipc.snapshot import Lateness, PauseSummary
 from app.ipc.states import ACTION_OF, Action
 from app.session.host import SessionHost, make_setup
 from app.system.authority import demonstration

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from msgspec import Struct
 
-from app.ipc.messages import ControlSnapshot, OperatorCommand, TriggerReport
+from app.ipc.messages import OperatorCommand, TriggerReport
+from app.ipc.snapshot import ControlSnapshot
 
 BATCH_TICKS = 25  # 50 ms: the period of control's snapshot, which goes with each batch
 QUANTITIES = (  # of a tick's values, in this order; (4,) each, in the order of hal.joints.protocol.Joint

@@ -16,17 +16,8 @@ from typing import Any, TypeVar
 import msgspec
 from msgspec.structs import replace
 
-from app.ipc.messages import (
-    ActionReport,
-    ActiveEvent,
-    AuditHealth,
-    ControlSnapshot,
-    GuardianHealth,
-    OperatorCommand,
-    PauseSummary,
-    SessionStatus,
-    TriggerReport,
-)
+from app.ipc.messages import AuditHealth, GuardianHealth, OperatorCommand, SessionStatus, TriggerReport
+from app.ipc.snapshot import ActionReport, ActiveEvent, ControlSnapshot, PauseSummary
 from app.ipc.streams import NS_PER_MS
 from logs.records.session import DRIFT_PPM
 

@@ -8,7 +8,8 @@ from collections.abc import Callable, Iterable
 from msgspec.structs import replace
 
 from app.ipc.links import OrderedSender
-from app.ipc.messages import STOP_KINDS, ControlSnapshot, OperatorCommand, OperatorKind
+from app.ipc.messages import STOP_KINDS, OperatorCommand, OperatorKind
+from app.ipc.snapshot import ControlSnapshot
 from app.link.beats import LOST_NS
 from app.link.clock import ClockEstimate, localized
 from app.link.order import STOPS_A_PACKET, Inbox

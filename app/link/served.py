@@ -14,7 +14,8 @@ from msgspec.structs import replace
 from app.audit.sink import AuditSink
 from app.ipc import streams
 from app.ipc.links import LatestReceiver, OrderedSender, Publisher, address
-from app.ipc.messages import AuditHealth, ControlSnapshot, GuardianHealth, ProcessStatus, TriggerReport
+from app.ipc.messages import AuditHealth, GuardianHealth, ProcessStatus, TriggerReport
+from app.ipc.snapshot import ControlSnapshot
 from app.link.clock import ClockEstimate, localized
 from app.link.commands import CommandRelay
 from app.link.wire import LinkFault, LinkNotice, SessionRequest

@@ -8,7 +8,8 @@ from collections.abc import Iterator
 from app.audit.sink import AuditSink
 from app.ipc import streams
 from app.ipc.links import LatestReceiver, OrderedReceiver, Publisher, address
-from app.ipc.messages import AuditHealth, ControlSnapshot, LinkHealth, OperatorCommand, TriggerReport
+from app.ipc.messages import AuditHealth, LinkHealth, OperatorCommand, TriggerReport
+from app.ipc.snapshot import ControlSnapshot
 from app.ipc.states import Event
 from app.link.beats import trail_health
 from app.link.clock import ClockEstimate, localized

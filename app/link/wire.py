@@ -12,15 +12,8 @@ from importlib.metadata import version
 
 from msgspec import Struct
 
-from app.ipc.messages import (
-    AuditHealth,
-    ControlSnapshot,
-    GuardianHealth,
-    OperatorCommand,
-    OperatorKind,
-    ProcessStatus,
-    TriggerReport,
-)
+from app.ipc.messages import AuditHealth, GuardianHealth, OperatorCommand, OperatorKind, ProcessStatus, TriggerReport
+from app.ipc.snapshot import ControlSnapshot
 from app.system.errors import AppError
 from logs.reason import Reason
 from profiles.schema import Profile

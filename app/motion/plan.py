@@ -13,7 +13,7 @@ from math import radians
 import numpy as np
 from msgspec import Struct
 
-from app.ipc.messages import Quad
+from app.ipc.snapshot import Quad
 from app.ipc.states import Action, GaitState
 from app.motion.kinematics import Array
 from hal.joints.body import Body, average_body

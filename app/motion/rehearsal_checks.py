@@ -10,7 +10,7 @@ import numpy as np
 from msgspec import Struct
 from numpy.typing import NDArray
 
-from app.ipc.messages import Quad
+from app.ipc.snapshot import Quad
 from app.ipc.states import Action
 from app.motion import kinematics
 from app.motion.kinematics import Array

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from math import cos, isfinite, radians, sin
 from typing import TYPE_CHECKING
 
-from app.ipc.messages import Quad
+from app.ipc.snapshot import Quad
 from app.ipc.states import Action, GaitState
 from app.system.config import JointsConfig, load_device
 from hal.joints.device import Joint, JointDevice

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum, auto
 
-from app.ipc.messages import ControlSnapshot
+from app.ipc.snapshot import ControlSnapshot
 from app.ipc.states import LEVEL_WALKING, Action, Effect, GaitState, Outcome
 from logs.reason import Reason, reason
 from logs.records import GuidedTestResult

@@ -17,7 +17,8 @@ import numpy as np
 from msgspec.structs import replace
 from numpy.typing import NDArray
 
-from app.ipc.messages import ActiveEvent, ControlSnapshot, JointSnapshot, TriggerReport
+from app.ipc.messages import TriggerReport
+from app.ipc.snapshot import ActiveEvent, ControlSnapshot, JointSnapshot
 from app.ipc.states import Action, Effect, Event, GaitState
 from app.playback.session import Playback, moment_ns
 from app.recording import schemas

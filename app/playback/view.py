@@ -5,7 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import isfinite
 
-from app.ipc.messages import ControlSnapshot, Quad, TriggerReport, coming
+from app.ipc.messages import TriggerReport
+from app.ipc.snapshot import ControlSnapshot, Quad, coming
 from app.ipc.states import Action, GaitState
 from app.motion.wearer import Footing, Pose, Wearer
 from app.playback.moment import Moment, snapshot_at

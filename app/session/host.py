@@ -28,7 +28,6 @@ from app.ipc.links import LatestReceiver, OrderedSender, address, new_link_direc
 from app.ipc.messages import (
     STOP_KINDS,
     AuditHealth,
-    ControlSnapshot,
     GuardianHealth,
     HandCommand,
     LinkHealth,
@@ -40,6 +39,7 @@ from app.ipc.messages import (
     SessionStatus,
     TriggerReport,
 )
+from app.ipc.snapshot import ControlSnapshot
 from app.ipc.states import Action
 from app.session.child import run_process
 from app.session.shared import Launch, Peer, current_lease, encode, take_lease

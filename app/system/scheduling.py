@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
 
-from app.ipc.messages import RealTime
+from app.ipc.snapshot import RealTime
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,7 +14,8 @@ import numpy as np
 from app.control.inputs import Inputs
 from app.control.loop import limits_record
 from app.control.telemetry import LoopStatus, snapshot
-from app.ipc.messages import ControlSnapshot, Lateness, OperatorKind, RealTime, TriggerReport
+from app.ipc.messages import OperatorKind, TriggerReport
+from app.ipc.snapshot import ControlSnapshot, Lateness, RealTime
 from app.ipc.states import Action, GaitState
 from app.perception.frames import DecisionRecorder, button_record
 from app.perception.reporting import with_report

@@ -8,8 +8,9 @@ from pathlib import Path
 from app.control.recording import TickRecorder
 from app.control.telemetry import snapshot
 from app.ipc.links import OrderedReceiver, address
-from app.ipc.messages import ControlSnapshot, TriggerReport
+from app.ipc.messages import TriggerReport
 from app.ipc.recording import BATCH_TICKS, HandFrame, Recorded, TickBatch
+from app.ipc.snapshot import ControlSnapshot
 from app.ipc.streams import RECORDING
 from app.perception.reporting import hand_frame
 from app.recording.process import SessionRecording

@@ -6,7 +6,8 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from app.console.screens.dialogs import ask
-from app.ipc.messages import ActiveEvent, OperatorKind
+from app.ipc.messages import OperatorKind
+from app.ipc.snapshot import ActiveEvent
 from app.ipc.states import Effect
 from app.text.catalogue import render, tr
 

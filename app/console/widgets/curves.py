@@ -7,7 +7,7 @@ from math import degrees, isfinite, isnan
 
 from app.console.widgets.canvas import Canvas
 from app.console.widgets.panel import Line, Lines, cells, fitted, plain
-from app.ipc.messages import ControlSnapshot, JointSnapshot
+from app.ipc.snapshot import ControlSnapshot, JointSnapshot
 from app.text.catalogue import render, tr
 from hal.joints.device import Joint, JointDevice
 

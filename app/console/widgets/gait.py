@@ -6,7 +6,7 @@ from app.console.state import SessionState
 from app.console.widgets.canvas import Canvas
 from app.console.widgets.gesture import FINGERS
 from app.console.widgets.panel import DrawnPanel, Line, Lines, bar, cells, fitted, padded, plain, wrapped
-from app.ipc.messages import ControlSnapshot
+from app.ipc.snapshot import ControlSnapshot
 from app.ipc.states import GESTURE_OF, Action, GaitState
 from app.text.catalogue import render, tr
 

@@ -8,7 +8,8 @@ from app.console.guidance import RECORDERS
 from app.console.state import SessionState
 from app.console.widgets.curves import joint_fault, joint_line
 from app.console.widgets.panel import Line, Lines, Part, fitted, plain, wrapped
-from app.ipc.messages import ControlSnapshot, LinkHealth
+from app.ipc.messages import LinkHealth
+from app.ipc.snapshot import ControlSnapshot
 from app.ipc.streams import LINK, NS_PER_MS
 from app.text.catalogue import render, tr
 from hal.joints.device import Joint, JointDevice

@@ -9,7 +9,7 @@ from app.console.state import SessionState
 from app.console.widgets.curves import joint_fault
 from app.console.widgets.panel import Lines, Panel, cells, plain, wrapped
 from app.console.widgets.status import EFFECT_STYLES, EventsPanel
-from app.ipc.messages import ActionReport, ControlSnapshot
+from app.ipc.snapshot import ActionReport, ControlSnapshot
 from app.ipc.states import Effect, Event, Outcome
 from app.text.catalogue import render, tr
 from hal.joints.device import Joint

@@ -12,7 +12,7 @@ from app.console.widgets.gesture import FINGERS
 from app.console.widgets.hold import hold_lines
 from app.console.widgets.letters import large
 from app.console.widgets.panel import DrawnPanel, Lines, plain, wrapped
-from app.ipc.messages import ControlSnapshot
+from app.ipc.snapshot import ControlSnapshot
 from app.ipc.states import GESTURE_OF, Effect
 from app.text.catalogue import tr
 

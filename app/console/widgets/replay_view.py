@@ -21,7 +21,7 @@ from app.console.widgets.panel import DrawnPanel, Lines, Panel, plain
 from app.console.widgets.replay import curves_of, draw_picture, draw_skeleton, note_at, push_of
 from app.console.widgets.status import event_lines
 from app.console.widgets.wearer import goal_of
-from app.ipc.messages import coming
+from app.ipc.snapshot import coming
 from app.ipc.streams import LinkDirectory
 from app.playback.film import WINDOW_NS
 from app.playback.moment import Moment, joints_over, reports_between

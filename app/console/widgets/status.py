@@ -7,7 +7,7 @@ from textual.message import Message
 from app.console.state import SessionState
 from app.console.widgets.health import health_dot
 from app.console.widgets.panel import Line, Lines, Part, StatePanel, bar, cells, fitted, padded, plain
-from app.ipc.messages import ActiveEvent, ControlSnapshot, PauseSummary
+from app.ipc.snapshot import ActiveEvent, ControlSnapshot, PauseSummary
 from app.ipc.states import Effect
 from app.outcomes.guided import GuidedRun
 from app.text.catalogue import render, tr

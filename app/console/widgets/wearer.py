@@ -9,7 +9,7 @@ from app.console.widgets.curves import Curves, draw_joints, joint_fault
 from app.console.widgets.figure import View, draw
 from app.console.widgets.gait import LEADS_TO
 from app.console.widgets.panel import DrawnPanel, Lines, plain
-from app.ipc.messages import ControlSnapshot, Quad, coming
+from app.ipc.snapshot import ControlSnapshot, Quad, coming
 from app.ipc.states import Action, GaitState
 from app.motion.wearer import MID_CROSSING, Footing, Wearer
 from app.text.catalogue import tr

@@ -24,7 +24,8 @@ from app.console.app import ConsoleApp
 from app.console.keys import GESTURE_KEYS
 from app.console.screens.dialogs import Question
 from app.console.widgets.bars import StopBar
-from app.ipc.messages import ControlSnapshot, TriggerReport
+from app.ipc.messages import TriggerReport
+from app.ipc.snapshot import ControlSnapshot
 from app.ipc.states import ACTION_OF, Action, Effect, Event, GaitState, Outcome
 from app.session.host import SessionHost
 from app.system.config import Config, SessionSetup

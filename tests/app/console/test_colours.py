@@ -23,7 +23,7 @@ from app.console.widgets.push import MarkKind, Push
 from app.console.widgets.replay import MARKS
 from app.console.widgets.status import EFFECT_MARKS, event_lines, status_line
 from app.console.widgets.timeline import MARKS as TIMELINE_MARKS
-from app.ipc.messages import Lateness
+from app.ipc.snapshot import Lateness
 from app.ipc.states import Action, Effect, Event
 from app.text.catalogue import tr, use_language
 from testing.fake_host import event

@@ -11,7 +11,7 @@ from textual.app import App, ComposeResult
 from app.console.widgets.gait import DARK, LEADS_TO, LIT, RUNNING, GaitPanel, gait_map, signpost
 from app.console.widgets.panel import cells
 from app.control.gait.table import TABLE
-from app.ipc.messages import ControlSnapshot
+from app.ipc.snapshot import ControlSnapshot
 from app.ipc.states import GESTURE_OF, Action, Effect, Event, GaitState
 from app.link.clock import ClockEstimate, localized
 from app.text.catalogue import tr, use_language

@@ -12,7 +12,8 @@ from app.console.screens.after import AfterScreen
 from app.console.screens.dialogs import GuidedTestChoice
 from app.console.widgets.panel import Panel, cells
 from app.console.widgets.status import guided_line
-from app.ipc.messages import ActionReport, OperatorKind
+from app.ipc.messages import OperatorKind
+from app.ipc.snapshot import ActionReport
 from app.ipc.states import Action, GaitState, Outcome, Source
 from app.outcomes.guided import PROCEDURES, GuidedRefusal, GuidedRun, GuidedStop, GuidedTest
 from app.text.catalogue import tr, use_language

@@ -18,7 +18,8 @@ from app.console.widgets.health import Health, health_dot, health_lines, health_
 from app.console.widgets.hold import held, hold_lines
 from app.console.widgets.wearer import FigurePanel
 from app.control.gait.machine import Gait, allowed
-from app.ipc.messages import Lateness, ProcessStatus, RealTime
+from app.ipc.messages import ProcessStatus
+from app.ipc.snapshot import Lateness, RealTime
 from app.ipc.states import GESTURE_OF, Action, Effect, Event, GaitState
 from app.motion.wearer import load_wearer
 from app.text.catalogue import tr, use_language

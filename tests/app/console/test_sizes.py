@@ -23,7 +23,7 @@ from app.console.widgets.hold import hold_lines
 from app.console.widgets.panel import Lines, cells, wrapped
 from app.console.widgets.push import Push
 from app.console.widgets.status import dose_lines, status_line
-from app.ipc.messages import ActionReport
+from app.ipc.snapshot import ActionReport
 from app.ipc.states import Action, Effect, Event, GaitState, Outcome, Source
 from app.ipc.streams import LinkDirectory
 from app.system.config import Config, SessionSetup

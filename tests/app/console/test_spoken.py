@@ -20,7 +20,8 @@ from app.console.spoken import changes
 from app.console.state import SessionState, fold
 from app.ipc import streams
 from app.ipc.links import Publisher, address, new_link_directory
-from app.ipc.messages import ActionReport, OperatorKind
+from app.ipc.messages import OperatorKind
+from app.ipc.snapshot import ActionReport
 from app.ipc.states import Action, Effect, Event, GaitState, Outcome, Source
 from app.ipc.streams import LinkDirectory
 from app.session.host import make_setup

@@ -11,7 +11,7 @@ from app.console.guidance import ready, results
 from app.console.screens.checks import check_lines
 from app.console.state import SessionState
 from app.console.widgets.status import status_line
-from app.ipc.messages import StopInputSnapshot
+from app.ipc.snapshot import StopInputSnapshot
 from app.system.config import JointsConfig
 from app.text.catalogue import tr, use_language
 from hal.inputs.device import InputDevice, InputRole

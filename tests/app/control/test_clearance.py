@@ -11,7 +11,7 @@ import pytest
 
 from app.control.loop import Control
 from app.ipc.links import new_link_directory
-from app.ipc.messages import RealTime
+from app.ipc.snapshot import RealTime
 from app.ipc.states import Action
 from app.motion.plan import patient_of
 from app.motion.preflight import keep_verdict

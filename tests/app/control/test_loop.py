@@ -16,7 +16,8 @@ from app.control.inputs import HOST_SUSPENDED_S
 from app.control.links import ControlLinks, Received
 from app.control.loop import Control
 from app.ipc.links import new_link_directory
-from app.ipc.messages import AuditHealth, GuardianHealth, Heartbeat, OperatorCommand, OperatorKind, RealTime
+from app.ipc.messages import AuditHealth, GuardianHealth, Heartbeat, OperatorCommand, OperatorKind
+from app.ipc.snapshot import RealTime
 from app.ipc.streams import AUDIT_HEALTH, GUARDIAN
 from app.system.config import Config, JointsConfig, SessionSetup
 from hal.errors import DrivesFault, HardwareError

@@ -14,7 +14,8 @@ from app.console.screens.dialogs import Question
 from app.control.inputs import DriveNotice
 from app.control.telemetry import LoopStatus, snapshot
 from app.ipc.links import new_link_directory
-from app.ipc.messages import ControlSnapshot, GuardianHealth, Heartbeat, Lateness, RealTime
+from app.ipc.messages import GuardianHealth, Heartbeat
+from app.ipc.snapshot import ControlSnapshot, Lateness, RealTime
 from app.ipc.states import Effect, Event, Outcome, RequestRefusal
 from app.ipc.streams import DAMP_NS, NS_PER_MS
 from app.session.guardian import CHECK_S, Guardian

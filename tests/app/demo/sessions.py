@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from app.demo.scenario import Attempt
 from app.demo.session import SessionResult
-from app.ipc.messages import Lateness
+from app.ipc.snapshot import Lateness
 
 
 def session_of(attempts: Sequence[Attempt]) -> SessionResult:

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from app.demo.scenario import Attempt, spread, success
-from app.ipc.messages import ActionReport
+from app.ipc.snapshot import ActionReport
 from app.ipc.states import Action, GaitState, Source
 from kgdfa.gesture import Gesture
 

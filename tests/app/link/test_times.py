@@ -6,7 +6,8 @@ import msgspec
 import pytest
 from msgspec.structs import fields
 
-from app.ipc.messages import ActionReport, ActiveEvent, OperatorCommand, OperatorKind, TriggerReport
+from app.ipc.messages import OperatorCommand, OperatorKind, TriggerReport
+from app.ipc.snapshot import ActionReport, ActiveEvent
 from app.ipc.states import Action, Effect, Event, GaitState, Source
 from app.link.clock import MOMENTS, PARTS, ClockEstimate, localized
 from testing.fake_host import STANDING, event

@@ -15,7 +15,8 @@ import zmq
 from msgspec.structs import replace
 
 from app.demo.two_hosts import free_port, joints_process
-from app.ipc.messages import ActiveEvent, ControlSnapshot, OperatorKind
+from app.ipc.messages import OperatorKind
+from app.ipc.snapshot import ActiveEvent, ControlSnapshot
 from app.ipc.states import Action, ConsoleChange, Effect, Event, GaitState, StopSource
 from app.link.beats import LOST_NS
 from app.link.keys import own_key, peers_of

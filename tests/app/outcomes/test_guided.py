@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec.structs import replace
 
-from app.ipc.messages import ActionReport, ControlSnapshot
+from app.ipc.snapshot import ActionReport, ControlSnapshot
 from app.ipc.states import LEVEL_WALKING, Action, Effect, Event, GaitState, Outcome, Source
 from app.outcomes.guided import (
     PROCEDURES,

@@ -13,8 +13,9 @@ from app.control.inputs import Inputs
 from app.control.recording import TickRecorder
 from app.control.telemetry import LoopStatus, snapshot
 from app.ipc.links import OrderedReceiver, address, new_link_directory
-from app.ipc.messages import Lateness, OperatorKind, RealTime, TriggerReport
+from app.ipc.messages import OperatorKind, TriggerReport
 from app.ipc.recording import BATCH_TICKS, HandFrame, Recorded, TickBatch
+from app.ipc.snapshot import Lateness, RealTime
 from app.ipc.states import Action
 from app.ipc.streams import RECORDING
 from app.recording.process import SessionRecording

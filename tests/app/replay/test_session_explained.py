@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from app.cli import cli
 from app.demo.scenario import ALL_TWELVE
-from app.ipc.messages import ActionReport
+from app.ipc.snapshot import ActionReport
 from app.ipc.states import Action
 from kgdfa.gesture import Gesture
 from logs import records as r

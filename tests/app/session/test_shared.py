@@ -17,7 +17,8 @@ import pytest
 from msgspec.structs import replace
 
 from app.ipc.links import OrderedReceiver, Publisher, address, new_link_directory
-from app.ipc.messages import ControlSnapshot, OperatorCommand, OperatorKind, ProcessStatus, SessionStatus
+from app.ipc.messages import OperatorCommand, OperatorKind, ProcessStatus, SessionStatus
+from app.ipc.snapshot import ControlSnapshot
 from app.ipc.states import Effect
 from app.ipc.streams import OPERATOR, SESSION, SNAPSHOT, LinkDirectory
 from app.session.host import SessionHost, make_setup
