@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from rich.cells import cell_len
 
 from app.console.charset import Substitutes, substitutes_for
-from app.console.terminal import TerminalOutput
+from app.console.terminal_output import TerminalOutput
 from tests.app.console.test_sizes import PANELS, READY, text_of
 from tests.support.catalogues import entries
 

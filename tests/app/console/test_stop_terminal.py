@@ -22,7 +22,7 @@ import psutil
 import pytest
 
 from app.console.input_time import LATE_NS
-from app.console.terminal import FRAME_TIMEOUT_S, TerminalOutput
+from app.console.terminal_output import FRAME_TIMEOUT_S, TerminalOutput
 from app.ipc.states import ConsoleChange
 from app.session.shared import held_session, shared
 from app.system.config import Config
