@@ -89,12 +89,12 @@ def trigger(
     home: HomeOption = None,
 ) -> None:
     """Table 6: how often posture changes press the button, both cameras, both modes; and each camera's frame rate."""
-    from app.evaluate.trigger import table6
+    from app.evaluate.trigger import frame_rates, table6
 
     measured: table6.CameraRates = {}
     if rates:
         with open_detector(home) as detector, progress("timing", len(DISTANCES_CM)) as step:
-            measured = table6.measure_rates(detector, focal_px=focal_px, step=step)
+            measured = frame_rates.measure_rates(detector, focal_px=focal_px, step=step)
     with detector_processes(home, workers, table6.steps(changes)) as (pool, step):
         rows = table6.evaluate_trigger(pool, changes=changes, focal_px=focal_px, rates=measured, step=step)
     with shown_after([table6.table_6(rows)]):

@@ -17,7 +17,8 @@ from app.evaluate.harness import MODES, decimals, decorate, figure, require_extr
 from app.evaluate.loop.speed import BARE, PAPER_TABLE_4, WHOLE
 from app.evaluate.loop.table7 import PAPER, PAPER_OVERALL
 from app.evaluate.paper.make import Run, figures_file, read_as, run_file
-from app.evaluate.trigger.table6 import CAMERAS, FIRST_HAND, PAPER_FPS, PAPER_TABLE_6
+from app.evaluate.trigger.chain import CAMERAS
+from app.evaluate.trigger.table6 import FIRST_HAND, PAPER_FPS, PAPER_TABLE_6
 from app.text.catalogue import language, tr
 
 Cell = str | int | float | None

@@ -24,6 +24,7 @@ from app.evaluate.detector_pool import PoolDetector, iterate_pool
 from app.evaluate.digital import side_of
 from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, keep_line, kept_lines, table
 from app.evaluate.loop.response import APPROACH_M, THRESHOLD_M
+from app.evaluate.trigger.chain import Replay, chain
 from app.evaluate.trigger.foreign_clips import (
     BESIDE_M,
     CLICK_S,
@@ -35,7 +36,6 @@ from app.evaluate.trigger.foreign_clips import (
     PushKind,
     turned,
 )
-from app.evaluate.trigger.table6 import Replay, chain
 from app.system.errors import AppError
 from app.system.program import PROGRAM, program_identity
 from app.text.catalogue import tr

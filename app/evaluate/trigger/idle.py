@@ -27,7 +27,7 @@ from app.evaluate.hand_motions import HEIGHT_M, smooth_path, take, tilted, walk
 from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, reading, table, write_whole
 from app.evaluate.noise import residual, with_noise
 from app.evaluate.readings import GESTURE_NAMES
-from app.evaluate.trigger.table6 import THRESHOLD_M, replay_pipeline
+from app.evaluate.trigger.chain import THRESHOLD_M, replay_pipeline
 from app.system.errors import AppError
 from hal.cameras.camera import Intrinsics
 from hal.cameras.digital_hand.depth import DepthCamera

@@ -15,7 +15,7 @@ from app.evaluate.digital import centred
 from app.evaluate.hand_motions import Moment, smooth, take
 from app.evaluate.harness import FRAME_NS, Step, percent, table
 from app.evaluate.readings import GESTURE_NAMES
-from app.evaluate.trigger.table6 import replay_pipeline
+from app.evaluate.trigger.chain import replay_pipeline
 from app.text.catalogue import render
 from hal.cameras.camera import ImageArray, Intrinsics
 from hal.cameras.digital_hand.render import Person, lens_for, person_of, posed

@@ -19,8 +19,8 @@ import numpy as np
 from app.evaluate.detector_pool import PoolDetector, iterate_pool
 from app.evaluate.harness import FRAME_NS, EvaluateFault, Step
 from app.evaluate.loop.response import APPROACH_M, THRESHOLD_M, shared
+from app.evaluate.trigger.chain import chain
 from app.evaluate.trigger.push_results import ButtonPhase, Push, PushFault, PushFrame, PushRun
-from app.evaluate.trigger.table6 import chain
 from hal.cameras.digital_hand.driver import DigitalHandCamera
 from hal.cameras.digital_hand.movement import SETTLED, TREMOR_HZ, Tremor
 from hal.cameras.digital_hand.render import person_of

@@ -3,57 +3,30 @@
 At each distance a hand comes from 15 cm farther with gesture 5, stops there and changes its posture: it flips,
 closes and opens, runs to the image's edge and back, or the background behind it jumps. A change counts as a
 press when the button was pressed in any of its frames. Every frame goes through the real pipeline, once a mode.
-
-Frame rates, from what the cable brings to the report: a webcam's frame is decoded and goes through the pipeline; a
-D435i's colour and depth of 848×480 go through librealsense, which aligns them, and the pipeline with its depth branch.
-One frame after the other in one process; rendering the digital hand is not counted.
 """
 
 from __future__ import annotations
 
-import time
-from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table
 
 from app.evaluate.detector_pool import PoolDetector, map_pool
 from app.evaluate.distance.frames import STYLES
 from app.evaluate.hand_motions import CHANGES, Moment, approach_and_change, take
-from app.evaluate.harness import DISTANCES_CM, FRAME_NS, MODES, Step, decorate, figure, table
-from app.perception.pipeline import RANGES, RULES
+from app.evaluate.harness import DISTANCES_CM, MODES, Step, decorate, figure, table
+from app.evaluate.trigger.chain import CAMERAS, CHOICES, replay_pipeline
 from app.text.catalogue import tr
-from hal.cameras.camera import ImageArray, Intrinsics
+from hal.cameras.camera import Intrinsics
 from hal.cameras.digital_hand.depth import DepthCamera
 from hal.cameras.digital_hand.render import Person, lens_for, person_of
-from hal.cameras.realsense import DEPTH_SIZE, RealSenseCamera
-from hal.cameras.software_realsense import SoftwareRealSense
-from kgdfa.button_state import ButtonMode, ButtonPlace
-from kgdfa.depth import DepthRange
-from kgdfa.distance import DistanceChoice
-from kgdfa.hand import Hand
-from kgdfa.pipeline import Detector, Pipeline, PipelineInput
-from kgdfa.preprocess import Image
+from kgdfa.pipeline import PipelineInput
 
 FRAMES = (6, 10, 14)  # showing, approaching, changing
 FIRST_HAND = 301
-THRESHOLD_M = 0.20
-CAMERAS = ("monocular", "D435i")
-CHOICES = {
-    ("monocular", "published"): DistanceChoice.MONOCULAR,
-    ("monocular", "robust"): DistanceChoice.MONOCULAR,
-    ("D435i", "published"): DistanceChoice.DEPTH,
-    ("D435i", "robust"): DistanceChoice.BOTH,
-}
-JPEG_QUALITY = 90  # a webcam sends 1280×720 as MJPEG, 30 a second
-READ_S = 1.0
-WARM_UP = 3  # the first frames detect the hand and fill caches
 
 # The paper's Table 6: distance in cm → press probability in %, monocular and D435i; and frames per second.
 PAPER_TABLE_6: dict[int, tuple[int, int]] = {
@@ -77,7 +50,7 @@ class TriggerRow:
     changes: int
     pressed: dict[Key, float]
     commands: dict[Key, int]
-    fps: dict[str, float]  # see `measure_rates`; empty where not measured
+    fps: dict[str, float]  # see `frame_rates`; empty where not measured
 
     def as_json(self) -> dict[str, Any]:
         """As `--json` writes it."""
@@ -92,17 +65,6 @@ class TriggerRow:
                 "paper_fps": paper_fps[number],
             }
         return row
-
-
-class Replay:
-    """A detector that repeats what another one has found, so that both modes get the same hands."""
-
-    def __init__(self) -> None:
-        self.hands: tuple[Hand, ...] = ()
-
-    def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Hand, ...]:  # noqa: ARG002 - the protocol's
-        """The hands set before."""
-        return self.hands
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -194,111 +156,6 @@ def run_change(detector: PoolDetector, change: Change) -> ChangeOutcome:
             if button.pressed and index >= FRAMES[0]:  # showing is not part of it
                 pressed.add(key)
     return ChangeOutcome(pressed=frozenset(pressed), commands=commands)
-
-
-def measure_rates(detector: Detector, *, focal_px: float, step: Step) -> CameraRates:
-    """Each camera's frames per second at each distance, in robust mode, over one change of each kind."""
-    rates: CameraRates = {}
-    start_ns = 0
-    for cm in DISTANCES_CM:
-        moments = [
-            moment
-            for number in range(len(CHANGES))
-            for moment in Change(distance_cm=cm, number=number, focal_px=focal_px).moments()[-FRAMES[2] :]
-        ]
-        person, lens = person_of(FIRST_HAND), lens_for(focal_px=focal_px)
-        pipelines = [chain("robust", person, lens, detector, choice=CHOICES[name, "robust"]) for name in CAMERAS]
-        start_ns += 1_000_000_000 + 2 * len(moments) * FRAME_NS
-        rates[cm] = {
-            "monocular": monocular_fps(pipelines[0], moments, start_ns),
-            "D435i": depth_fps(pipelines[1], moments, start_ns + len(moments) * FRAME_NS, FIRST_HAND),
-        }
-        step()
-    return rates
-
-
-def replay_pipeline(
-    mode: str, person: Person, lens: Intrinsics, threshold_m: float = THRESHOLD_M, **chosen: Any
-) -> tuple[Replay, Pipeline]:
-    """The mode's whole chain behind a `Replay`. chosen: as `Pipeline` takes it."""
-    replay = Replay()
-    return replay, chain(mode, person, lens, replay, threshold_m, **chosen)
-
-
-def chain(
-    mode: str,
-    person: Person,
-    lens: Intrinsics,
-    detector: Detector,
-    threshold_m: float = THRESHOLD_M,
-    **chosen: Any,
-) -> Pipeline:
-    """The mode's whole chain for a person whose palm is known by ruler. chosen: as `Pipeline` takes it."""
-    reference_m, centre_px = person.shape.reference_m, (lens.cx_px, lens.cy_px)
-    return Pipeline(
-        detector=detector,
-        rules=RULES[mode](),
-        range_finder=RANGES[mode](focal_px=lens.fx_px, reference_m=reference_m, centre_px=centre_px),
-        place=ButtonPlace.in_the_middle(lens.width_px, lens.height_px, threshold_m),
-        mode=ButtonMode(mode),
-        depth_finder=DepthRange(mode=mode),
-        **chosen,
-    )
-
-
-def monocular_fps(pipeline: Pipeline, moments: Sequence[Moment], start_ns: int) -> float:
-    """Decoding and the whole pipeline, frames per second."""
-    taken = [_jpeg(take(moment, index)[0]) for index, moment in enumerate(moments)]
-
-    def one(index: int) -> None:
-        image = np.asarray(cv2.imdecode(taken[index], cv2.IMREAD_COLOR), np.uint8)
-        pipeline.process(PipelineInput(image_bgr=image, captured_ns=start_ns + index * FRAME_NS))
-
-    return _rate(one, len(taken))
-
-
-def depth_fps(pipeline: Pipeline, moments: Sequence[Moment], start_ns: int, seed: int) -> float:
-    """librealsense, alignment, and the whole pipeline with its depth branch, frames per second."""
-    stereo = DepthCamera(seed)
-    software = SoftwareRealSense(moments[0].scene.lens, depth_size=DEPTH_SIZE)
-    taken = [_with_depth(moment, index, stereo, software) for index, moment in enumerate(moments)]
-    camera = RealSenseCamera(software=software.device)
-    camera.open()
-
-    def one(index: int) -> None:
-        software.push(*taken[index], index + 1)
-        frame = camera.read(READ_S if index else FRAME_NS / 1e9)  # the first set lacks a stream
-        if frame is None:
-            return
-        pipeline.process(
-            PipelineInput(image_bgr=frame.image_bgr, captured_ns=start_ns + index * FRAME_NS, depth_m=frame.depth_m)
-        )
-
-    try:
-        return _rate(one, len(taken))
-    finally:
-        camera.close()
-
-
-def _with_depth(
-    moment: Moment, index: int, stereo: DepthCamera, software: SoftwareRealSense
-) -> tuple[ImageArray, NDArray[np.uint16]]:
-    image, depth_m = take(moment, index, stereo)
-    assert depth_m is not None
-    return image, software.raw(depth_m)
-
-
-def _jpeg(image: ImageArray) -> ImageArray:
-    return np.asarray(cv2.imencode(".jpg", image, (cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY))[1], np.uint8)
-
-
-def _rate(one: Callable[[int], None], frames: int) -> float:
-    for index in range(WARM_UP):
-        one(index)
-    began = time.perf_counter()
-    for index in range(WARM_UP, frames):
-        one(index)
-    return (frames - WARM_UP) / (time.perf_counter() - began)
 
 
 def table_6(rows: list[TriggerRow]) -> Table:

@@ -23,7 +23,8 @@ from app.evaluate.loop.speed import BARE, WHOLE, DetectorFigures, SpeedFigures
 from app.evaluate.loop.table7 import ResponseResult
 from app.evaluate.paper.make import Job, Run, figures_file, jobs, made_before, make, read_as, run_file
 from app.evaluate.paper.page import write_page
-from app.evaluate.trigger.table6 import CAMERAS, TriggerRow
+from app.evaluate.trigger.chain import CAMERAS
+from app.evaluate.trigger.table6 import TriggerRow
 from app.system.errors import AppError
 from app.system.program import PROGRAM as PROGRAM_HASH
 from app.system.program import VERSION, program_identity

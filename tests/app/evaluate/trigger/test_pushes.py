@@ -15,6 +15,7 @@ from rich.table import Table
 from app.evaluate.detector_pool import PoolDetector
 from app.evaluate.harness import FRAME_NS, EvaluateFault, click_range, seed_numbers
 from app.evaluate.loop.response import APPROACH_M, THRESHOLD_M
+from app.evaluate.trigger.chain import chain
 from app.evaluate.trigger.push_results import ButtonPhase, Push, PushFault, PushRun, shown
 from app.evaluate.trigger.pushes import (
     AFTER_FRAMES,
@@ -28,7 +29,6 @@ from app.evaluate.trigger.pushes import (
     pushed,
     tremor_of,
 )
-from app.evaluate.trigger.table6 import chain
 from app.system.errors import AppError
 from hal.cameras.camera import Frame
 from hal.cameras.digital_hand.driver import DigitalHandCamera

@@ -8,7 +8,8 @@ import pytest
 
 from app.evaluate.detector_pool import PoolDetector
 from app.evaluate.hand_motions import CHANGES, EDGE, EDGE_SHARE, FLIP, OPEN_CLOSE, Moment
-from app.evaluate.trigger.table6 import CAMERAS, Change, ChangeOutcome, run_change
+from app.evaluate.trigger.chain import CAMERAS
+from app.evaluate.trigger.table6 import Change, ChangeOutcome, run_change
 from kgdfa.hand import Hand
 from kgdfa.keypoints import HandDetector
 from kgdfa.preprocess import Image
