@@ -21,7 +21,7 @@ from app.ipc.messages import (
     ProcessStatus,
     TriggerReport,
 )
-from app.ipc.snapshot import ActionReport, ActiveEvent, ControlSnapshot, JointSnapshot, RealTime
+from app.ipc.snapshot import ActionReport, ActiveEvent, ControlSnapshot, RealTime
 from app.ipc.states import ACTION_OF, Action, Effect, Event, GaitState, Source
 from app.session.host import Latest
 from app.system.config import SessionSetup
@@ -29,46 +29,12 @@ from app.system.vocabulary import by_key_only, vocabulary_of
 from kgdfa.distance import DistanceSource
 from kgdfa.gesture import Decision, Gesture
 from kgdfa.press_zone import PressZone
-from logs.reason import Reason, Value, reason
+from logs.reason import Reason, reason
+from testing.messages import ALLOWED_STANDING, STANDING, event, gradient
 
 if TYPE_CHECKING:
     from textual.app import App
     from textual.strip import Strip
-
-ALLOWED_STANDING = (
-    Action.STEP_RIGHT_FIRST,
-    Action.WALK,
-    Action.STAIR_UP,
-    Action.STAIR_DOWN,
-    Action.OBSTACLE,
-    Action.SIT_DOWN,
-)
-JOINT = JointSnapshot(angle_rad=0.1, target_rad=0.12, speed_rad_s=0.0, torque_nm=3.2, temperature_c=31.0, age_ms=2.0)
-
-STANDING = ControlSnapshot(
-    incarnation=1,
-    sequence=1,
-    at_ns=0,
-    state=GaitState.STANDING,
-    effect=Effect.NOTE,
-    armed=True,
-    patient_confirmed=True,
-    enabled=True,
-    allowed=ALLOWED_STANDING,
-    joints=(JOINT, JOINT, JOINT, JOINT),
-)
-
-
-def flat(width_px: int = 96, height_px: int = 54) -> Preview:
-    """A picture of one colour."""
-    rgb = bytes((40, 80, 120)) * (width_px * height_px)
-    return Preview(sequence=1, captured_ns=0, width_px=width_px, height_px=height_px, rgb=rgb)
-
-
-def gradient(width_px: int = 96, height_px: int = 54) -> Preview:
-    """A picture whose colours tell where each pixel came from."""
-    rows = [bytes((x * 255 // width_px, y * 255 // height_px, 96)) for y in range(height_px) for x in range(width_px)]
-    return Preview(sequence=1, captured_ns=0, width_px=width_px, height_px=height_px, rgb=b"".join(rows))
 
 
 @dataclass
@@ -241,34 +207,6 @@ class FakeHost:
             camera_fault=self.camera_fault,
             press_zone=self.press_zone,
         )
-
-
-def without_hand(captured_ns: int, sequence: int, threshold_m: float) -> TriggerReport:
-    """Perception's report of a frame, without what its pipeline found."""
-    return TriggerReport(
-        incarnation=1,
-        sequence=sequence,
-        captured_ns=captured_ns,
-        sent_ns=captured_ns,
-        hand=False,
-        gesture=None,
-        camera="c",
-        threshold_m=threshold_m,
-        fps=30.0,
-    )
-
-
-def event(event: Event, effect: Effect, since_ns: int = 0, **detail: Value) -> ActiveEvent:
-    """An unacknowledged event, present now."""
-    return ActiveEvent(
-        event=event,
-        effect=effect,
-        detail=detail,
-        since_ns=since_ns,
-        number=since_ns,
-        present=True,
-        acknowledged=False,
-    )
 
 
 def walk_steps(host: FakeHost, steps: int, step_m: float = 0.3, **fields: Any) -> None:

@@ -17,7 +17,7 @@ from app.system.authority import demonstration
 from app.system.config import Config, JointsConfig
 from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT
-from testing.session import WatchedSession
+from testing.watched_session import WatchedSession
 
 UNATTENDED_S = 60.0
 

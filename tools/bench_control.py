@@ -38,7 +38,8 @@ from app.system.errors import AppError
 from app.system.paths import Home
 from logs.read import read, session_paths
 from logs.records import Pause, Record
-from testing.session import TIMEOUT_S, RealSession, WatchedSession
+from testing.session import RealSession
+from testing.watched_session import TIMEOUT_S, WatchedSession
 from tools.bench_console import Terminal
 from tools.bench_host import bare_loop
 from tools.bench_memory import growth_per_sample

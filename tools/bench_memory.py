@@ -33,7 +33,8 @@ from app.system.config import Config, SessionSetup
 from app.system.paths import Home
 from kgdfa.gesture import Gesture
 from profiles.schema import DEMO_PATIENT
-from testing.fake_host import FakeHost, event, gradient
+from testing.fake_host import FakeHost
+from testing.messages import event, gradient
 
 SAMPLES = 60
 WARM_SHARE = 6  # one in so many samples is left out at the start

@@ -30,7 +30,8 @@ from app.ipc.states import Action, Effect, Event, GaitState
 from app.system.config import JointsConfig
 from app.text.catalogue import render
 from hal.joints.device import load_exoskeleton
-from testing.session import RealSession, Sniffer, WatchedSession
+from testing.session import RealSession, Sniffer
+from testing.watched_session import WatchedSession
 
 MIDDLE = 0.3  # of a movement: STOP is pressed beyond it
 LIMITS_MS = {"stop_p99": 25.0, "console_killed_to_pause": 250.0, "control_killed_to_damping": 50.0}

@@ -24,7 +24,7 @@ from rich.table import Table
 from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, Effect, GaitState
 from app.system.paths import Home
-from testing.session import WatchedSession
+from testing.watched_session import WatchedSession
 from tools.bench_console import Terminal
 from tools.bench_control import ConsoleSession, links_of
 from tools.bench_stop import MIDDLE, SITUATIONS, InterlockError, Situation, go, reach, stand

@@ -22,7 +22,8 @@ import psutil
 import typer
 
 from app.ipc.states import Effect, GaitState
-from testing.session import TIMEOUT_S, RealSession
+from testing.session import RealSession
+from testing.watched_session import TIMEOUT_S
 
 ROOTS = (Path("/sys/fs/cgroup/memory"), Path("/sys/fs/cgroup"))  # versions 1 and 2 of the kernel's control groups
 LIMITS = ("memory.limit_in_bytes", "memory.max")

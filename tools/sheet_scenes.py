@@ -29,7 +29,8 @@ from kgdfa.hand import Hand, Side
 from profiles.schema import DEMO_PATIENT, GaitParameters
 from profiles.store import ProfileStore
 from testing.authors import Named
-from testing.fake_host import FakeHost, event
+from testing.fake_host import FakeHost
+from testing.messages import event
 from testing.trails import write_sample
 
 NOW_NS = 1_795_000_000_000_000_000

@@ -35,7 +35,7 @@ from logs.mirror import CheckpointCopy
 from logs.read import records
 from logs.records import Body, Entry, Record
 from logs.writer import SessionWriter
-from testing.fake_host import without_hand
+from testing.messages import without_hand
 from tests.app.control.rig import SETTINGS, Rig
 from tests.app.perception.test_reporting import SCALE
 from tests.kgdfa.hands import STATES, drawn_hand

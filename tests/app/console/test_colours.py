@@ -26,7 +26,7 @@ from app.console.widgets.timeline import MARKS as TIMELINE_MARKS
 from app.ipc.snapshot import Lateness
 from app.ipc.states import Action, Effect, Event
 from app.text.catalogue import tr, use_language
-from testing.fake_host import event
+from testing.messages import event
 from tests.app.console.test_sizes import DEVICES, NOW_NS, text_of, with_report, with_snapshot
 
 Triple = tuple[float, float, float]

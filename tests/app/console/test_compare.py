@@ -22,7 +22,7 @@ from kgdfa.gesture import Gesture
 from logs.reason import Reason, reason
 from logs.records import Body, CameraComparison
 from profiles.schema import DistanceUsed
-from testing.fake_host import without_hand
+from testing.messages import without_hand
 from tests.app.console.conftest import Console, Opener, change_language, three_beats
 
 MS = 1_000_000

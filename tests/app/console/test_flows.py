@@ -40,7 +40,8 @@ from profiles.schema import (
 )
 from profiles.store import ChangeCause, ProfileStore
 from testing.authors import Named
-from testing.fake_host import FakeHost, event, walk_steps
+from testing.fake_host import FakeHost, walk_steps
+from testing.messages import event
 from tests.app.console.conftest import Console, Opener
 from tests.support.calibrations import calibrated_with
 

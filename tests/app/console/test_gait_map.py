@@ -15,7 +15,7 @@ from app.ipc.snapshot import ControlSnapshot
 from app.ipc.states import GESTURE_OF, Action, Effect, Event, GaitState
 from app.link.clock import ClockEstimate, localized
 from app.text.catalogue import tr, use_language
-from testing.fake_host import STANDING, event
+from testing.messages import STANDING, event
 from tests.app.console.test_link_shown import MS, folded
 from tests.app.console.test_sizes import text_of
 

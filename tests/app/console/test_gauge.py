@@ -15,7 +15,7 @@ from kgdfa.gesture import Gesture
 from kgdfa.pipeline import Pipeline, PipelineInput, Report
 from kgdfa.published import PublishedRules
 from kgdfa.robust_distance import RobustRange
-from testing.fake_host import without_hand
+from testing.messages import without_hand
 from tests.app.console.conftest import Opener
 from tests.support.live_session import BLACK, FRAME_NS, Shown, hand_at
 

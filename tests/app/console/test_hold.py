@@ -28,7 +28,8 @@ from hal.joints.device import Joint
 from hal.joints.protocol import DriveFault
 from kgdfa.gesture import Gesture
 from logs.reason import reason
-from testing.fake_host import event, screen_text
+from testing.fake_host import screen_text
+from testing.messages import event
 from tests.app.console.conftest import Opener
 from tests.app.console.test_sizes import DEVICES, KEYS, MOVING, READY, STOPPED, text_of
 

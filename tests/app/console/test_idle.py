@@ -18,7 +18,8 @@ from app.console.widgets.bars import StopBar
 from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, Effect, Event
 from app.system.config import Config
-from testing.fake_host import FakeHost, event
+from testing.fake_host import FakeHost
+from testing.messages import event
 from tests.app.console.conftest import Console, Opener
 
 Passes = Callable[[float], None]

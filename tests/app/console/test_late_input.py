@@ -27,7 +27,8 @@ from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, Effect, Event, GaitState
 from app.system.config import Config
 from app.text.catalogue import tr
-from testing.fake_host import FakeHost, event, walk_steps
+from testing.fake_host import FakeHost, walk_steps
+from testing.messages import event
 from tests.app.console.conftest import Console, Opener
 
 LATE_S = LATE_NS / 1e9 + 0.1

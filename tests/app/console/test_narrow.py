@@ -16,7 +16,7 @@ from app.text.catalogue import tr
 from kgdfa.continuity import Jump
 from kgdfa.gesture import HandRefusal
 from logs.reason import reason
-from testing.fake_host import event
+from testing.messages import event
 from tests.app.console.conftest import Opener
 
 NARROW = (60, 20)

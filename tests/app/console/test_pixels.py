@@ -30,7 +30,7 @@ from app.console.pixels import (
 )
 from app.console.terminal import parser_without
 from app.console.widgets.picture import Picture
-from testing.fake_host import gradient
+from testing.messages import gradient
 from tests.app.console.conftest import Opener
 
 KITTY, CELL = "\x1b_Gi=31;OK\x1b\\", "\x1b[6;20;10t"

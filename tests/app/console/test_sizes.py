@@ -31,7 +31,8 @@ from app.text.catalogue import use_language
 from hal.joints.device import load_exoskeleton
 from kgdfa.gesture import Gesture
 from profiles.schema import DEMO_PATIENT
-from testing.fake_host import FakeHost, event
+from testing.fake_host import FakeHost
+from testing.messages import event
 from tests.app.console.conftest import Opener
 
 NOW_NS = 1_000_000_000_000

@@ -25,7 +25,8 @@ from app.console.themes import THEME_NAMES
 from app.system.config import Config, SessionSetup, ThemeName
 from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT
-from testing.fake_host import FakeHost, flat, strips
+from testing.fake_host import FakeHost, strips
+from testing.messages import flat
 from tests.app.console.conftest import wait_until
 
 SIZES = ((80, 24), (130, 40), (200, 50))

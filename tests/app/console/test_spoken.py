@@ -33,7 +33,8 @@ from app.text.catalogue import use_language
 from kgdfa.gesture import Gesture
 from profiles.schema import DEMO_PATIENT
 from testing.authors import signed_in
-from testing.fake_host import FakeHost, event
+from testing.fake_host import FakeHost
+from testing.messages import event
 from tests.app.console.test_sizes import READY
 
 NOW_NS = 1_000_000_000_000

@@ -18,7 +18,8 @@ from app.ipc.states import Effect, Event
 from app.link.clock import ClockEstimate, localized
 from app.session.host import Latest
 from app.text.catalogue import render, tr
-from testing.fake_host import FakeHost, event
+from testing.fake_host import FakeHost
+from testing.messages import event
 from tests.app.console.conftest import Opener
 
 MS = 1_000_000

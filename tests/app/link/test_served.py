@@ -32,7 +32,7 @@ from logs.read import records
 from logs.reason import Reason, key_of
 from logs.records import Change
 from profiles.schema import DEMO_PATIENT
-from testing.fake_host import STANDING
+from testing.messages import STANDING
 from tests.app.control.moments import now, standing
 
 K = OperatorKind

@@ -10,7 +10,7 @@ from app.ipc.messages import OperatorCommand, OperatorKind, TriggerReport
 from app.ipc.snapshot import ActionReport, ActiveEvent
 from app.ipc.states import Action, Effect, Event, GaitState, Source
 from app.link.clock import MOMENTS, PARTS, ClockEstimate, localized
-from testing.fake_host import STANDING, event
+from testing.messages import STANDING, event
 
 AHEAD = ClockEstimate(0, 900, 1_100)
 

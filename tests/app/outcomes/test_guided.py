@@ -25,7 +25,7 @@ from app.outcomes.guided import (
     stop,
 )
 from logs.reason import key_of, reason
-from testing.fake_host import JOINT, event
+from testing.messages import JOINT, event
 
 S_NS = 1_000_000_000
 START_NS = 100 * S_NS

@@ -17,7 +17,7 @@ from app.recording.schemas import BUTTON, HAND_TOPICS
 from app.recording.topics import of_hand
 from kgdfa.button_state import STALE_NS, ButtonState
 from kgdfa.pipeline import Report
-from testing.fake_host import without_hand
+from testing.messages import without_hand
 
 FRAME_NS = 33_000_000
 BEGIN_NS = 10**12

@@ -27,7 +27,7 @@ from app.system.config import Config, SessionSetup
 from app.system.errors import AppError
 from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT
-from testing.fake_host import STANDING
+from testing.messages import STANDING
 
 ALIVE = ProcessStatus(name="control", pid=1, alive=True, restarts=0, exit_code=None)
 
