@@ -1,9 +1,8 @@
-"""What every screen has: translated footer, STOP bar, breakpoints; with a session's picture also the hand's keys."""
+"""What every screen has: translated footer, STOP bar, breakpoints."""
 
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -19,17 +18,13 @@ from textual.screen import ModalScreen, Screen
 from textual.widget import Widget
 from textual.widgets import Input, OptionList, Select
 
-from app.console import keys
 from app.console.state import SessionState
 from app.console.widgets.bars import KeyBar, StopBar
 from app.console.widgets.picture import Picture
-from app.ipc.messages import HandCommand, HandPose, TriggerReport
 from app.text.catalogue import knows, render, tr
-from kgdfa.gesture import Gesture
 from logs.reading.errors import CodedError
 
 USER_ERRORS = (CodedError, OSError)
-SHAPE_SHOWN_S = 1.0  # a new shape is shown for so long before it is pushed: votes take their time on a busy machine
 
 if TYPE_CHECKING:
     from app.console.app import ConsoleApp
@@ -206,93 +201,6 @@ class ConsoleScreen(_Console[None]):
 
     def discard(self) -> None:
         """The program ends now: record what is given up, once."""
-
-
-class HandKeys(ConsoleScreen):
-    """Shows a session's picture; turns keys into movements of the digital hand, which only its camera has."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._shown_s = time.monotonic()  # since when a ready detector could see the hand's present shape
-        self._push_waits = False  # until the shape has been shown
-        self._incarnation: int | None = None  # of the perception that knows the picture's size
-
-    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002
-        """Hand keys need a digital hand; they, and those after a stop, somebody who may do more than look."""
-        app = self.console_app
-        if action in ("acknowledge", "torque_off"):
-            return app.live is not None and not app.read_only
-        return not action.startswith("hand_") or (app.has_digital_hand and not app.read_only)
-
-    def show_session(self, state: SessionState | None) -> None:
-        super().show_session(state)
-        if state is not None:
-            if state.report is None or not state.report.detector_ready:
-                self._shown_s = time.monotonic()  # nothing has detected the hand yet
-            elif self._push_waits:
-                self._push()
-            if state.report is not None:
-                self._keep_size(state.report)
-            self.query_one("#picture", Picture).show(state)
-            self.follow(state)
-
-    def follow(self, state: SessionState) -> None:
-        """Draw the session's newest state, besides its picture."""
-
-    @on(Picture.Resized, "#picture")
-    def _ask_for_size(self, event: Picture.Resized) -> None:
-        """Ask perception for a picture of just the size that can be shown."""
-        self.console_app.tell_perception(event.wanted)
-
-    def _keep_size(self, report: TriggerReport) -> None:
-        """Ask again for a picture of this size when perception was restarted."""
-        if self._incarnation not in (None, report.incarnation):
-            self.query_one("#picture", Picture).ask()
-        self._incarnation = report.incarnation
-
-    def action_acknowledge(self) -> None:
-        """Ask before an event is acknowledged."""
-        from app.console.screens.after_stop import ask_to_acknowledge  # its question is made of this module's Dialog
-
-        ask_to_acknowledge(self.console_app)
-
-    def action_torque_off(self) -> None:
-        """Ask before the joints are switched off, after a damping."""
-        from app.console.screens.after_stop import ask_for_torque_off
-
-        ask_for_torque_off(self.console_app)
-
-    def action_hand_sign(self, sign: str) -> None:
-        """The digital hand shows a gesture, rests, or leaves; a push that waits is for the shape before."""
-        self._shown_s = time.monotonic()
-        self._push_waits = False
-        if sign == "rest":
-            self._move(HandCommand(pose=HandPose.REST))
-        elif sign == "none":
-            self._move(HandCommand(pose=HandPose.AWAY))
-        else:
-            self._move(HandCommand(gesture=Gesture(sign)))
-
-    def action_hand_click(self) -> None:
-        """Push to the camera and draw back, once the shape has been shown, as a person does."""
-        self._push()
-
-    def _push(self) -> None:
-        self._push_waits = time.monotonic() - self._shown_s < SHAPE_SHOWN_S
-        if not self._push_waits:
-            self._move(HandCommand(click_s=keys.CLICK_S))
-
-    def action_hand_press(self) -> None:
-        """Push and stay, or draw back."""
-        self._move(HandCommand(press=not self.console_app.live_session().hand.press))
-
-    def action_hand_move(self, x: int, y: int, z: int) -> None:
-        """Move the digital hand a step: right, down, away from the camera."""
-        step_m = keys.HAND_STEP_M
-        self._move(HandCommand(move_x_m=x * step_m, move_y_m=y * step_m, move_z_m=z * step_m))
-
-    def _move(self, command: HandCommand) -> None:
-        self.console_app.live_session().move_hand(command)
 
 
 class Dialog(_Console[T], ModalScreen[T]):

@@ -17,7 +17,7 @@ from textual.containers import Horizontal
 from textual.widgets import Input, Label
 
 from app.console import keys
-from app.console.screens.base import HandKeys
+from app.console.screens.hand_keys import HandKeys
 from app.console.state import SessionState
 from app.console.widgets.comparison import FrameCount, camera_lines, own_depth_lines, table_lines
 from app.console.widgets.panel import Panel, plain

@@ -15,10 +15,10 @@ from textual.containers import Container, Vertical
 from app.console import keys
 from app.console.guidance import guidance_line
 from app.console.screens.after import summarise
-from app.console.screens.base import HandKeys
 from app.console.screens.checks import Checklist
 from app.console.screens.compare import CompareScreen
 from app.console.screens.dialogs import GuidedTestChoice, HealthPage, TherapistAct, ask
+from app.console.screens.hand_keys import HandKeys
 from app.console.state import SessionState
 from app.console.widgets.gait import GaitPanel
 from app.console.widgets.gesture import DistancePanel, GesturePanel

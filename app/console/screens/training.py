@@ -13,7 +13,7 @@ from textual.widgets import Label
 
 from app.console import keys
 from app.console.lessons import LESSONS, Lesson, Score, advance, wrong_fingers
-from app.console.screens.base import HandKeys
+from app.console.screens.hand_keys import HandKeys
 from app.console.session_index import TrainingRecord
 from app.console.state import SessionState
 from app.console.widgets.gesture import DistancePanel, GesturePanel

@@ -12,7 +12,7 @@ from textual.widgets import Label
 
 from app.console import keys
 from app.console.lessons import wrong_fingers
-from app.console.screens.base import HandKeys
+from app.console.screens.hand_keys import HandKeys
 from app.console.state import SessionState
 from app.console.widgets.gesture import GesturePanel
 from app.console.widgets.hand import draw_hand

@@ -14,9 +14,10 @@ from textual.binding import Binding
 from textual.screen import Screen
 
 from app.console import keys, screens
-from app.console.screens import base
-from app.console.screens.base import SHAPE_SHOWN_S, ConsoleScreen, Dialog, HandKeys
+from app.console.screens import hand_keys
+from app.console.screens.base import ConsoleScreen, Dialog
 from app.console.screens.dialogs import HealthPage
+from app.console.screens.hand_keys import SHAPE_SHOWN_S, HandKeys
 from app.console.screens.help import HelpPage
 from app.console.screens.session import SessionScreen
 from app.ipc.messages import OperatorKind
@@ -184,7 +185,7 @@ async def test_a_push_waits_until_perception_has_started(console: Opener, monkey
         open_console.host.looking = False
         live, now_s = open_console.app.live_session(), [0.0]
         await open_console.until(lambda: live.state.report and not live.state.report.detector_ready)
-        monkeypatch.setattr(base, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
+        monkeypatch.setattr(hand_keys, "time", SimpleNamespace(monotonic=lambda: now_s[0]))
         await open_console.press("5")
         now_s[0] = 10.0
         pressed_ns = live.state.now_ns

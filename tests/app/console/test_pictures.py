@@ -8,7 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from app.console.screens import session
-from app.console.screens.base import HandKeys
+from app.console.screens.hand_keys import HandKeys
 from app.ipc.messages import PerceptionCommand
 from app.session.host import make_setup
 from app.system.config import Config, RecordingConfig
