@@ -10,14 +10,13 @@ from rich.text import Text
 from textual import on, work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
-from textual.containers import Horizontal, Vertical, VerticalScroll
+from textual.containers import Horizontal, VerticalScroll
 from textual.message import Message
-from textual.widgets import Input, OptionList, Static
-from textual.widgets.option_list import Option
+from textual.widgets import Static
 
 from app.console.review_data import ReviewedSession, comments_on, open_session, write_comment
-from app.console.screens.base import ConsoleScreen, Dialog
-from app.console.widgets.text_field import TextField
+from app.console.screens.base import ConsoleScreen
+from app.console.screens.review_dialogs import ChooseSession, WriteComment, sessions_of
 from app.console.widgets.timeline import Timeline, about
 from app.system.operators import Permission
 from app.system.paths import Home
@@ -26,7 +25,7 @@ from app.text.recorded import render_recorded
 from logs.errors import AuditError
 from logs.findings import Finding, verdict
 from logs.keys import by_fingerprint, known_keys, read_anchors
-from logs.read import find_session, patient_of, session_paths
+from logs.read import find_session
 from logs.reason import Reason, sanitize_terminal, text_of
 from logs.records import Comment, Record
 from logs.show import line_of
@@ -101,7 +100,7 @@ class ReviewScreen(ConsoleScreen):
 
     @work(exclusive=True)
     async def _ask(self) -> None:
-        found = await asyncio.to_thread(_sessions, self._home.logs)
+        found = await asyncio.to_thread(sessions_of, self._home.logs)
         await self.on_top()
         if not found:
             self.notify(tr("reviewing.none"))
@@ -261,54 +260,3 @@ class ReviewScreen(ConsoleScreen):
                 line.stylize("reverse")
             lines.append(line)
         return Text("\n").join(lines)
-
-
-def _sessions(folder: Path) -> list[tuple[Path, str]]:
-    """Every session and its patient; without one where it can't be read, which opening it tells."""
-    found = []
-    for path in session_paths(folder):
-        try:
-            found.append((path, patient_of(path)))
-        except AuditError:
-            found.append((path, ""))
-    return found
-
-
-class ChooseSession(Dialog[Path]):
-    """Which session to open, the newest on top."""
-
-    def __init__(self, sessions: list[tuple[Path, str]]) -> None:
-        super().__init__()
-        self._sessions = list(reversed(sessions))  # path, patient
-
-    def compose(self) -> ComposeResult:
-        with Vertical(classes="dialog") as box:
-            box.border_title = tr("reviewing.choose")
-            texts = (f"{path.stem}  {patient}".strip() for path, patient in self._sessions)
-            yield OptionList(*(Option(Text(sanitize_terminal(text))) for text in texts))
-        yield from self.compose_bottom()
-
-    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
-        """Open it."""
-        self.dismiss(self._sessions[event.option_index][0])
-
-
-class WriteComment(Dialog[str]):
-    """A reviewer's comment on one record."""
-
-    def __init__(self, number: int) -> None:
-        super().__init__()
-        self._number = number
-
-    def compose(self) -> ComposeResult:
-        with Vertical(classes="dialog") as box:
-            box.border_title = tr("reviewing.comment", number=self._number)
-            yield TextField(id="comment", max_length=4000)
-        yield from self.compose_bottom()
-
-    def keep(self) -> bool:
-        return not any(field.value for field in self.query(Input))
-
-    def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Keep it."""
-        self.dismiss(event.value.strip())

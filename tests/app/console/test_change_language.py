@@ -13,7 +13,8 @@ from app.console.app import ConsoleApp
 from app.console.screens.calibration import FARTHEST_CM, NEAREST_CM
 from app.console.screens.dialogs import TherapistAct
 from app.console.screens.patients import PatientsScreen
-from app.console.screens.review import ChooseSession, ReviewScreen, WriteComment
+from app.console.screens.review import ReviewScreen
+from app.console.screens.review_dialogs import ChooseSession, WriteComment
 from app.ipc.messages import OperatorKind
 from app.system.config import Config
 from app.system.paths import Home

@@ -22,7 +22,8 @@ from app.console.screens.outcomes import OutcomesPage
 from app.console.screens.patient_form import PatientForm
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.replay import ReplayScreen
-from app.console.screens.review import ChooseSession, ReviewScreen, WriteComment
+from app.console.screens.review import ReviewScreen
+from app.console.screens.review_dialogs import ChooseSession, WriteComment
 from app.console.screens.session import SessionScreen
 from app.console.screens.signin import LockScreen, SignInDialog
 from app.console.screens.start import StartSession

@@ -15,7 +15,8 @@ from app.console.app import ConsoleApp
 from app.console.review_data import ReviewedSession, comments_on, open_session, write_comment
 from app.console.screens import review
 from app.console.screens.patients import PatientsScreen
-from app.console.screens.review import ChooseSession, ReviewScreen, WriteComment
+from app.console.screens.review import ReviewScreen
+from app.console.screens.review_dialogs import ChooseSession, WriteComment
 from app.console.screens.signin import LockScreen
 from app.console.widgets.timeline import LANES, Timeline, about
 from app.ipc.states import Event, GaitState
@@ -168,14 +169,14 @@ async def test_without_a_name_it_asks_which(home: Home) -> None:
 
 
 async def test_what_is_found_while_locked_opens_after_the_lock(home: Home, monkeypatch: pytest.MonkeyPatch) -> None:
-    begun, may_end, usual = threading.Event(), threading.Event(), review._sessions
+    begun, may_end, usual = threading.Event(), threading.Event(), review.sessions_of
 
     def waits(folder: Path) -> list[tuple[Path, str]]:
         begun.set()
         assert may_end.wait(20)
         return usual(folder)
 
-    monkeypatch.setattr(review, "_sessions", waits)
+    monkeypatch.setattr(review, "sessions_of", waits)
     app = ConsoleApp(home, Config())
     async with app.run_test(size=(100, 30)) as pilot:
         screen = ReviewScreen(home)
