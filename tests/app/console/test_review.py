@@ -16,7 +16,7 @@ from app.console.review_data import ReviewedSession, comments_on, open_session, 
 from app.console.screens import review
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.review import ReviewScreen
-from app.console.screens.review_dialogs import ChooseSession, WriteComment
+from app.console.screens.review_dialogs import ChooseSession, WriteComment, sessions_of
 from app.console.screens.signin import LockScreen
 from app.console.widgets.timeline import LANES, Timeline, about
 from app.ipc.states import Event, GaitState
@@ -169,7 +169,7 @@ async def test_without_a_name_it_asks_which(home: Home) -> None:
 
 
 async def test_what_is_found_while_locked_opens_after_the_lock(home: Home, monkeypatch: pytest.MonkeyPatch) -> None:
-    begun, may_end, usual = threading.Event(), threading.Event(), review.sessions_of
+    begun, may_end, usual = threading.Event(), threading.Event(), sessions_of
 
     def waits(folder: Path) -> list[tuple[Path, str]]:
         begun.set()
