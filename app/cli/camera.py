@@ -248,7 +248,7 @@ def _first_and_rate(camera: Camera) -> tuple[Frame, float]:
 
 
 def _realsense_rows() -> list[tuple[str, str, str]]:
-    from hal.cameras.realsense import list_realsense
+    from hal.cameras.realsense_devices import list_realsense
 
     try:
         return [("realsense", serial, name) for serial, name in list_realsense()]

@@ -130,7 +130,7 @@ def _device_of(camera: CameraConfig) -> str:
         return str(path_named(camera.device).resolve())
     if camera.device:
         return camera.device
-    from hal.cameras.realsense import list_realsense
+    from hal.cameras.realsense_devices import list_realsense
 
     return next((serial for serial, _ in list_realsense()), "")
 

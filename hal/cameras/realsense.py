@@ -1,14 +1,11 @@
 """Intel RealSense D400 cameras, live or from a .bag or .db3: colour, and depth aligned to it.
 
-librealsense is imported only here and only when such a camera is opened. It is read in a thread: a driver that hangs
-("Frame didn't arrive within 5000") is reported two seconds after the last frame and opened anew.
+It is read in a thread: a driver that hangs ("Frame didn't arrive within 5000") is reported two seconds after the last
+frame and opened anew.
 """
 
 from __future__ import annotations
 
-import json
-import subprocess
-import sys
 import time
 from contextlib import suppress
 from dataclasses import dataclass
@@ -25,18 +22,17 @@ from hal.cameras.camera import (
     Frame,
     ImageArray,
     Intrinsics,
-    IntrinsicsSource,
     LatestFrame,
     UsualDelay,
 )
 from hal.cameras.intrinsics import check_possible
+from hal.cameras.realsense_devices import depth_mode, depth_unit_m, find_device, info_of, lens_of, library
 from hal.cameras.realsense_streams import PipelineStreams, SensorStreams, Streams
 from hal.errors import CameraFault, HardwareError, RecordingFault
 from logs.reading.regular import path_named
 
 RECORDINGS = frozenset({".bag", ".db3"})
 GRAB_MS = 200
-DEPTH_SIZE = (848, 480)  # the D435i's best depth mode, Intel's tuning guide
 FARTHEST_M = 20.0  # beyond it a reading is no measurement
 DEPTH_AGE_NS = 100_000_000  # three images: either stream may be late by one, and a hand moves little
 FrameId = tuple[int, float]  # number and time by the camera's clock, ms
@@ -107,7 +103,7 @@ class RealSenseCamera:
         path = path_named(self._device)
         try:
             if self._software is not None:
-                self._name = _info(rs, self._software, "name") or "RealSense"
+                self._name = info_of(rs, self._software, "name") or "RealSense"
                 self._begin(rs, SensorStreams(rs, self._software))
             else:
                 if self.finite:
@@ -163,16 +159,16 @@ class RealSenseCamera:
 
     def _prepare_live(self, rs: ModuleType, config: Any) -> None:
         self._context = self._context or rs.context()
-        device = _find(rs, self._context, self._device)
-        self._name = _info(rs, device, "name") or "RealSense"
-        serial = _info(rs, device, "serial_number")
-        if (usb := _info(rs, device, "usb_type_descriptor")).startswith(("1", "2")):
+        device = find_device(rs, self._context, self._device)
+        self._name = info_of(rs, device, "name") or "RealSense"
+        serial = info_of(rs, device, "serial_number")
+        if (usb := info_of(rs, device, "usb_type_descriptor")).startswith(("1", "2")):
             raise HardwareError(CameraFault.USB_TOO_SLOW, camera=self._name, usb=usb)
         if serial:
             config.enable_device(serial)
             self._name = f"{self._name} {serial}"
         config.enable_stream(rs.stream.color, *self._size, rs.format.bgr8, self._rate_hz)
-        config.enable_stream(rs.stream.depth, *_depth_mode(rs, device), rs.format.z16, self._rate_hz)
+        config.enable_stream(rs.stream.depth, *depth_mode(rs, device), rs.format.z16, self._rate_hz)
 
     def _begin(self, rs: ModuleType, streams: Streams) -> None:
         self._streams, device = streams, streams.device
@@ -185,13 +181,13 @@ class RealSenseCamera:
         self._intrinsics = self._lens(running[rs.stream.color], CameraFault.INTRINSICS_IMPOSSIBLE)
         if rs.stream.depth in running:
             self._lens(running[rs.stream.depth], CameraFault.DEPTH_INTRINSICS_IMPOSSIBLE)
-        self._depth_unit_m = _depth_unit_m(device)
+        self._depth_unit_m = depth_unit_m(device)
         self._align = rs.align(rs.stream.color)
 
     def _lens(self, profile: Any, fault: CameraFault) -> Intrinsics:
         """Of one stream. Raises HardwareError with that fault for one that can't belong to the stream's images."""
         video = profile.as_video_stream_profile()
-        lens = _intrinsics(video.get_intrinsics())
+        lens = lens_of(video.get_intrinsics())
         check_possible(lens, video.width(), video.height(), camera=self._name, fault=fault)
         return lens
 
@@ -228,95 +224,11 @@ class RealSenseCamera:
             raise EndOfRecording
 
 
-LISTING_LIMIT_S = 15.0
-_LISTING = """
-import json, pyrealsense2 as rs
-found = rs.context().query_devices()
-wanted = (rs.camera_info.serial_number, rs.camera_info.name)
-devices = [found[number] for number in range(found.size())]
-print(json.dumps([[one.get_info(what) if one.supports(what) else "" for what in wanted] for one in devices]))
-"""
-
-
-def library() -> ModuleType:
-    """librealsense's Python module. Raises HardwareError without it."""
-    try:
-        import pyrealsense2 as rs
-    except ImportError as error:
-        raise HardwareError(CameraFault.NO_REALSENSE_LIBRARY, detail=str(error)) from error
-    module: ModuleType = rs
-    return module
-
-
-def list_realsense() -> tuple[tuple[str, str], ...]:
-    """Serial number and model of every connected camera. Raises HardwareError without the library or an answer.
-
-    Asked in a process of its own: librealsense's context once spun without end, holding the interpreter.
-    """
-    library()
-    try:
-        asked = subprocess.run(
-            [sys.executable, "-c", _LISTING], capture_output=True, check=True, timeout=LISTING_LIMIT_S
-        )
-    except (subprocess.SubprocessError, OSError) as error:
-        raise HardwareError(CameraFault.NO_REALSENSE_LIBRARY, detail=type(error).__name__) from error
-    return tuple((serial, name) for serial, name in json.loads(asked.stdout))
-
-
 def clean_depth(raw: Any, unit_m: float) -> DepthArray:
     """Depth units to metres, float32; saturated and impossibly far readings become 0, no measurement."""
     depth: DepthArray = np.asarray(raw, dtype=np.float32) * np.float32(unit_m)
     depth[~((depth > 0) & (depth < FARTHEST_M))] = 0.0
     return depth
-
-
-def _find(rs: ModuleType, context: Any, serial: str) -> Any:
-    # By index: `list` of librealsense's own sequence once went on without end in a process that had opened others.
-    found = context.query_devices()
-    devices = [found[number] for number in range(found.size())]
-    for device in devices:
-        if serial in ("", _info(rs, device, "serial_number")):
-            return device
-    known = ", ".join(_info(rs, device, "serial_number") for device in devices)
-    if known:
-        raise HardwareError(CameraFault.REALSENSE_IS_ANOTHER, serial=serial, known=known)
-    raise HardwareError(CameraFault.REALSENSE_NOT_FOUND)
-
-
-def _info(rs: ModuleType, device: Any, what: str) -> str:
-    key = getattr(rs.camera_info, what)
-    return str(device.get_info(key)) if device.supports(key) else ""
-
-
-def _depth_mode(rs: ModuleType, device: Any) -> tuple[int, int]:
-    """The best depth resolution that the device offers."""
-    modes = {
-        (mode.width(), mode.height())
-        for sensor in device.query_sensors()
-        for stream in sensor.get_stream_profiles()
-        if stream.stream_type() == rs.stream.depth and (mode := stream.as_video_stream_profile())
-    }
-    return DEPTH_SIZE if DEPTH_SIZE in modes or not modes else max(modes)
-
-
-def _depth_unit_m(device: Any) -> float:
-    for sensor in device.query_sensors():
-        if sensor.is_depth_sensor():
-            return float(sensor.as_depth_sensor().get_depth_scale())
-    return 0.001
-
-
-def _intrinsics(lens: Any) -> Intrinsics:
-    """The factory's calibration counts as measured."""
-    return Intrinsics(
-        width_px=lens.width,
-        height_px=lens.height,
-        fx_px=lens.fx,
-        fy_px=lens.fy,
-        cx_px=lens.ppx,
-        cy_px=lens.ppy,
-        source=IntrinsicsSource.MEASURED,
-    )
 
 
 def _frame_id(frame: Any) -> FrameId | None:

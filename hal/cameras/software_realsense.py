@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hal.cameras.camera import DepthArray, ImageArray, Intrinsics
-from hal.cameras.realsense import library
+from hal.cameras.realsense_devices import library
 
 SERIAL = "000000000001"
 DEPTH_UNIT_M = 0.001

@@ -21,7 +21,8 @@ from app.evaluate.trigger.table6 import FIRST_HAND, FRAMES, CameraRates, Change
 from hal.cameras.camera import ImageArray
 from hal.cameras.digital_hand.depth import DepthCamera
 from hal.cameras.digital_hand.render import lens_for, person_of
-from hal.cameras.realsense import DEPTH_SIZE, RealSenseCamera
+from hal.cameras.realsense import RealSenseCamera
+from hal.cameras.realsense_devices import DEPTH_SIZE
 from hal.cameras.software_realsense import SoftwareRealSense
 from kgdfa.pipeline import Detector, Pipeline, PipelineInput
 

@@ -17,7 +17,8 @@ from hal.cameras.camera import Frame, Intrinsics, IntrinsicsSource, LatestFrame
 from hal.cameras.digital_hand.depth import LEAST_M
 from hal.cameras.digital_hand.render import lens_for
 from hal.cameras.factory import open_camera
-from hal.cameras.realsense import RealSenseCamera, _find, clean_depth, library
+from hal.cameras.realsense import RealSenseCamera, clean_depth
+from hal.cameras.realsense_devices import find_device, library
 from hal.cameras.software_realsense import SERIAL, SoftwareRealSense
 from hal.errors import CameraFault, HardwareError
 from kgdfa.depth import DepthFault, DepthRange, read_published, sample_palm
@@ -94,10 +95,10 @@ def test_a_camera_that_is_not_connected_is_told_from_one_of_another_serial_numbe
 ) -> None:
     rs = library()
     with refused(CameraFault.REALSENSE_NOT_FOUND):
-        _find(rs, Connected(), "123")
-    assert _find(rs, Connected(software.device), SERIAL) is software.device
+        find_device(rs, Connected(), "123")
+    assert find_device(rs, Connected(software.device), SERIAL) is software.device
     with refused(CameraFault.REALSENSE_IS_ANOTHER, serial="123", known=SERIAL):
-        _find(rs, Connected(software.device), "123")
+        find_device(rs, Connected(software.device), "123")
 
 
 def test_colour_and_depth_of_the_fed_hand_come_out_aligned(
