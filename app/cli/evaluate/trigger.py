@@ -127,14 +127,15 @@ def idle(
 
     The keypoints are simulated: the digital hand's own, with noise taken from MediaPipe on rendered frames.
     """
+    from app.evaluate.noise import NOISE_FRAMES, NOISE_WALKS, take_noise
     from app.evaluate.trigger import idle as idling
     from app.system.program import PROGRAM, program_identity
 
     program = program_identity()[PROGRAM]
     settings = idling.IdleSettings(seed=seed, threshold_m=threshold_cm / 100, holes=holes, program=program)
     before = idling.kept_progress(keep, settings)
-    with open_detector(home) as detector, progress("detecting", idling.NOISE_WALKS * idling.NOISE_FRAMES) as step:
-        clips = idling.take_noise(detector, step)
+    with open_detector(home) as detector, progress("detecting", NOISE_WALKS * NOISE_FRAMES) as step:
+        clips = take_noise(detector, step)
     with progress("simulating", max(0, frames - before.frames)) as step:
         result = idling.evaluate_idle(clips, before, frames=frames, step=step, keep=keep)
     with shown_after([idling.idle_table(result)]):

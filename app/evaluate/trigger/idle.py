@@ -12,9 +12,7 @@ ended goes on where it was.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
@@ -23,30 +21,21 @@ from msgspec import Struct, structs
 from rich.table import Table
 
 from app.evaluate.digital import side_of
-from app.evaluate.hand_motions import HEIGHT_M, smooth_path, take, tilted, walk
-from app.evaluate.harness import FRAME_NS, EvaluateFault, Step, reading, table, write_whole
-from app.evaluate.noise import residual, with_noise
-from app.evaluate.readings import GESTURE_NAMES
+from app.evaluate.harness import FRAME_NS, EvaluateFault, reading, table, write_whole
+from app.evaluate.noise import NoiseClip, noisy_hand
 from app.evaluate.trigger.chain import THRESHOLD_M, replay_pipeline
+from app.evaluate.trigger.idle_moves import CLIP_FRAMES, MOVES, Move, reach_without_gesture, turn
 from app.system.errors import AppError
-from hal.cameras.camera import Intrinsics
 from hal.cameras.digital_hand.depth import DepthCamera
-from hal.cameras.digital_hand.render import Person, Scene, lens_for, person_of, posed, true_depth
+from hal.cameras.digital_hand.render import Person, lens_for, person_of, posed, true_depth
 from kgdfa.button_state import ButtonState
 from kgdfa.distance import DistanceChoice, DistanceSource
-from kgdfa.hand import FloatArray, Hand
-from kgdfa.keypoints import HandDetector
 from kgdfa.pipeline import PipelineInput
 from kgdfa.preprocess import Image
 from kgdfa.track import Enrolment
 from logs.reading.formats import read_json
 
-CLIP_FRAMES = 90
-NOISE_WALKS = 36
-NOISE_FRAMES = 24
-FIRST_HAND = 5_001
 LOOK_ALIKES = ("tiger claw", "thumb up", "ok", "rest", "gun")
-CLEAR_M = 0.03  # beyond the threshold a hand that does not press stays, or beside the button, or gives no gesture
 BLANK: Image = np.zeros((360, 640, 3), np.uint8)
 SAVED_CLIPS = 25  # between two notes of the progress
 # What commands: mode and source of the distance; the last two where there is depth.
@@ -56,24 +45,6 @@ CHAINS = {
     "depth": ("robust", DistanceChoice.DEPTH),
     "both": ("robust", DistanceChoice.BOTH),
 }
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NoiseFrame:
-    """(21, 2) on the image and (21, 3) in space less the truth, whether the side was named right, and its score."""
-
-    image: FloatArray
-    world: FloatArray
-    side_right: bool
-    presence: float
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class NoiseClip:
-    """What MediaPipe made of one walk, frame by frame; None: it lost the hand."""
-
-    gesture: str
-    frames: tuple[NoiseFrame | None, ...]
 
 
 class IdleSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -130,29 +101,6 @@ def kept_progress(path: Path | None, settings: IdleSettings) -> IdleResult:
     return kept
 
 
-def take_noise(detector: HandDetector, step: Step) -> list[NoiseClip]:
-    """Detect hands on rendered walks and keep how the keypoints differ from the truth."""
-    lens, now_ns, clips = lens_for(), 1_000_000_000, []
-    for number in range(NOISE_WALKS):
-        seed, gesture = FIRST_HAND + number, GESTURE_NAMES[number % 12]
-        person = person_of(seed)
-        frames: list[NoiseFrame | None] = []
-        now_ns += 1_000_000_000
-        for index, moment in enumerate(walk(gesture, person=person, lens=lens, seed=seed, frames=NOISE_FRAMES)):
-            now_ns += FRAME_NS
-            hands = detector.detect(take(moment, index)[0], now_ns)
-            frames.append(_noise_of(hands[0], moment.scene) if hands else None)
-            step()
-        if any(frames):
-            clips.append(NoiseClip(gesture=gesture, frames=tuple(frames)))
-    return clips
-
-
-def _noise_of(hand: Hand, scene: Scene) -> NoiseFrame:
-    image, world = residual(hand, scene)
-    return NoiseFrame(image=image, world=world, side_right=hand.side is side_of(scene.person), presence=hand.presence)
-
-
 def evaluate_idle(
     clips: list[NoiseClip],
     before: IdleResult,
@@ -200,9 +148,9 @@ def _after_clip(before: IdleResult, clips: list[NoiseClip]) -> IdleResult:
     last, presses = dict.fromkeys(chains, ButtonState()), dict(before.presses)
     with_hand, depth_frames, changes = before.with_hand, before.depth_frames, before.changes
     for index, now in enumerate(move(draw, scene, settings.threshold_m)):
-        hand = _noisy(now, noise, index)
+        hand = noisy_hand(now, noise, index)
         with_hand += hand is not None
-        depth_m = None if camera is None else camera.measure(true_depth(now), index, flipping=move is _turn)
+        depth_m = None if camera is None else camera.measure(true_depth(now), index, flipping=move is turn)
         source = PipelineInput(image_bgr=BLANK, captured_ns=1_000_000_000 + index * FRAME_NS, depth_m=depth_m)
         for name, (replay, pipeline) in chains.items():
             replay.hands = (hand,) if hand else ()
@@ -226,86 +174,14 @@ def _after_clip(before: IdleResult, clips: list[NoiseClip]) -> IdleResult:
     )
 
 
-def _noisy(scene: Scene, noise: NoiseClip, index: int) -> Hand | None:
-    """There and back again, so that the noise never jumps more than MediaPipe's own."""
-    count = len(noise.frames)
-    turn = index % (2 * count - 1)
-    now = noise.frames[turn if turn < count else 2 * count - 1 - turn]
-    if now is None:
-        return None
-    return with_noise(scene, now.image, now.world, side_right=now.side_right, presence=now.presence, tracked=index > 0)
-
-
 def _enrolment(mode: str, person: Person) -> Enrolment | None:
     """As a session enrols the patient's hand; the paper's rule knows nobody."""
     return None if mode == "published" else Enrolment(side=side_of(person))
 
 
-Move = Callable[[np.random.Generator, Scene, float], Iterator[Scene]]  # with the threshold
-
-
-def _wander(draw: np.random.Generator, scene: Scene, threshold_m: float) -> Iterator[Scene]:
-    """Anywhere beyond the threshold, with any tilt up to 55°."""
-    yield from _along(scene, [_place(draw, scene.lens, threshold_m + CLEAR_M) for _ in range(4)])
-
-
-def _wave(draw: np.random.Generator, scene: Scene, threshold_m: float) -> Iterator[Scene]:
-    """Rolling from side to side over the button."""
-    z, swing, rate = draw.uniform(threshold_m + CLEAR_M, 0.6), draw.uniform(0.3, 0.9), draw.uniform(1.0, 3.0)
-    for frame in range(CLIP_FRAMES):
-        phase = math.sin(2 * math.pi * rate * frame / 30)
-        yield _put(scene, np.array([0.06 * phase, HEIGHT_M, z, 0.0, 0.3 * phase, swing * phase]))
-
-
-def _turn(draw: np.random.Generator, scene: Scene, threshold_m: float) -> Iterator[Scene]:
-    """Turning the palm away and back, over the button."""
-    z, most = draw.uniform(threshold_m + CLEAR_M, 0.6), draw.uniform(0.8, math.pi)
-    for frame in range(CLIP_FRAMES):
-        amount = most * (1 - math.cos(2 * math.pi * frame / CLIP_FRAMES)) / 2
-        yield _put(scene, np.array([0.0, HEIGHT_M, z, 0.0, amount, 0.0]))
-
-
-def _pass(draw: np.random.Generator, scene: Scene, threshold_m: float) -> Iterator[Scene]:
-    """In from one side, across the button nearer than the threshold, out at the other."""
-    z = draw.uniform(0.12, threshold_m)
-    reach = 0.6 * z * scene.lens.width_px / scene.lens.fx_px
-    start, end = (-reach, reach) if draw.random() < 0.5 else (reach, -reach)
-    yield from _along(scene, [np.array([x, HEIGHT_M, z, 0.0, 0.0, 0.0]) for x in (start, end, start)])
-
-
-def _reach_without_gesture(draw: np.random.Generator, scene: Scene, threshold_m: float) -> Iterator[Scene]:
-    """Straight to the camera and back with a hand that signs nothing."""
-    nearest = draw.uniform(0.12, threshold_m)
-    far, near = (np.array([0.0, HEIGHT_M, z, 0.0, 0.0, 0.0]) for z in (threshold_m + 0.25, nearest))
-    yield from _along(scene, [far, near, far])
-
-
-MOVES: tuple[Move, ...] = (_wander, _wave, _turn, _pass, _wander, _reach_without_gesture)
-
-
 def _gesture(draw: np.random.Generator, noise: NoiseClip, move: Move) -> str:
     """The gesture that the noise was taken from; a look-alike where a gesture would make it a press."""
-    return str(draw.choice(LOOK_ALIKES)) if move is _reach_without_gesture else noise.gesture
-
-
-def _along(scene: Scene, poses: list[FloatArray]) -> Iterator[Scene]:
-    return (_put(scene, now) for now in smooth_path(poses, CLIP_FRAMES))
-
-
-def _place(draw: np.random.Generator, lens: Intrinsics, nearest_m: float) -> FloatArray:
-    z = draw.uniform(nearest_m, 0.70)
-    reach = 0.5 * z * np.array([lens.width_px, lens.height_px]) / lens.fx_px
-    pitch, yaw = tilted(math.radians(draw.uniform(0, 55)), draw.uniform(0, 2 * math.pi))
-    x, y = draw.uniform(-reach, reach)
-    return np.array([x, y, z, pitch, yaw, draw.uniform(-0.5, 0.5)])
-
-
-def _put(scene: Scene, now: FloatArray) -> Scene:
-    """The scene's hand at (x, y, z), its natural turn plus (pitch, yaw, roll)."""
-    assert scene.place is not None
-    x, y, z = now[:3].tolist()
-    pitch, yaw, roll = (scene.place.turn_rad + now[3:]).tolist()
-    return replace(scene, place=replace(scene.place, position_m=(x, y, z), turn_rad=(pitch, yaw, roll)))
+    return str(draw.choice(LOOK_ALIKES)) if move is reach_without_gesture else noise.gesture
 
 
 def idle_table(result: IdleResult) -> Table:

@@ -9,15 +9,9 @@ import pytest
 from msgspec import structs
 
 from app.evaluate.harness import EvaluateFault
-from app.evaluate.trigger.idle import (
-    CLIP_FRAMES,
-    IdleResult,
-    IdleSettings,
-    NoiseClip,
-    NoiseFrame,
-    evaluate_idle,
-    kept_progress,
-)
+from app.evaluate.noise import NoiseClip, NoiseFrame
+from app.evaluate.trigger.idle import IdleResult, IdleSettings, evaluate_idle, kept_progress
+from app.evaluate.trigger.idle_moves import CLIP_FRAMES
 from app.system.errors import AppError
 
 SETTINGS = IdleSettings(seed=3, threshold_m=0.33, holes=0.4)
