@@ -9,7 +9,8 @@ import can
 
 from hal.errors import HardwareError, StopInputFault
 from hal.inputs.device import Contact, ContactReading, InputDevice
-from hal.joints.can.bus import BusPort, open_bus
+from hal.joints.can.bus import open_bus
+from hal.joints.can.port import BusPort
 from hal.joints.codecs.wire import Frame
 from hal.joints.device import BusDevice
 

@@ -15,8 +15,8 @@ from typing import IO, NamedTuple, TextIO, cast
 import can
 
 from hal.errors import CanFault, HardwareError
-from hal.joints.can.bus import frame_of, meaning_of
 from hal.joints.can.drive import Drive, Router, drives_of
+from hal.joints.can.port import frame_of, meaning_of
 from hal.joints.codecs import damiao
 from hal.joints.codecs.wire import Frame, Order, Reply, SetPoint
 from hal.joints.device import Exoskeleton

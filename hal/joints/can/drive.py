@@ -7,7 +7,7 @@ from collections import Counter, deque
 from pathlib import Path
 
 from hal.errors import CanFault
-from hal.joints.can.bus import BusReport
+from hal.joints.can.port import BusReport
 from hal.joints.can.reply_checks import RangeCheck, RequestTracker
 from hal.joints.codecs import codec_of, damiao
 from hal.joints.codecs.wire import NEUTRAL, Codec, Frame, Order, Reply, SetPoint, Transmission

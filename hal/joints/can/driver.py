@@ -15,9 +15,10 @@ import numpy as np
 
 from hal.errors import CanFault, DrivesFault, HardwareError
 from hal.joints.can import lifecycle
-from hal.joints.can.bus import BusPort, open_bus
+from hal.joints.can.bus import open_bus
 from hal.joints.can.description import check_description
 from hal.joints.can.drive import Drive, Router, drives_of
+from hal.joints.can.port import BusPort
 from hal.joints.can.reply_checks import RangeCheck
 from hal.joints.codecs import damiao
 from hal.joints.codecs.wire import Frame, SetPoint

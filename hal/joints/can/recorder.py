@@ -13,8 +13,9 @@ from pathlib import Path
 import can
 
 from hal.errors import CanFault, HardwareError
-from hal.joints.can.bus import RECEIVE_ERRORS, open_bus
+from hal.joints.can.bus import open_bus
 from hal.joints.can.candump import ERROR_FLAG, file_channel
+from hal.joints.can.port import RECEIVE_ERRORS
 from hal.joints.device import Exoskeleton
 from logs.reading.errors import cause_of
 

@@ -13,8 +13,9 @@ from pathlib import Path
 import can
 
 from hal.errors import HardwareError
-from hal.joints.can.bus import RECEIVE_ERRORS, frame_of, message_of, open_bus
+from hal.joints.can.bus import open_bus
 from hal.joints.can.drive import Drive, Router
+from hal.joints.can.port import RECEIVE_ERRORS, frame_of, message_of
 from hal.joints.codecs import codec_of
 from hal.joints.codecs.wire import Frame, Order, SetPoint, Transmission
 from hal.joints.device import Exoskeleton, JointDevice

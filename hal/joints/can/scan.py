@@ -12,9 +12,10 @@ from typing import NamedTuple
 import can
 
 from hal.errors import CanFault, HardwareError
-from hal.joints.can.bus import RECEIVE_ERRORS, BusPort, frame_of, message_of, open_bus
+from hal.joints.can.bus import open_bus
 from hal.joints.can.candump import BusDecoder, Decoded, FrameKind
 from hal.joints.can.drive import drives_of
+from hal.joints.can.port import RECEIVE_ERRORS, BusPort, frame_of, message_of
 from hal.joints.codecs import cybergear, damiao
 from hal.joints.codecs.cubemars import AkV3Codec, upload_replier
 from hal.joints.codecs.cybergear import CyberGearCodec

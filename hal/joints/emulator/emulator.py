@@ -18,7 +18,8 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from hal.joints.can.bus import CAN_ERR_ACK, CAN_ERR_BUSOFF, BusPort, open_bus, with_bus
+from hal.joints.can.bus import open_bus, with_bus
+from hal.joints.can.port import CAN_ERR_ACK, CAN_ERR_BUSOFF, BusPort
 from hal.joints.codecs.wire import Frame, Transmission
 from hal.joints.device import Exoskeleton
 from hal.joints.emulator.firmware import DEFAULT_VALUE, EmulatedDrive, Fault, ScheduledFault

@@ -18,7 +18,7 @@ from app.session.guardian import NAMING_NS, RETRY_NS, Guardian, GuardianNotice
 from app.session.heartbeat_check import OFF_NS, GuardianAction
 from app.system.config import Config, JointsConfig, SessionSetup
 from hal.errors import CanFault, HardwareError
-from hal.joints.can.bus import frame_of, message_of
+from hal.joints.can.port import frame_of, message_of
 from hal.joints.codecs.wire import Frame, Order, SetPoint
 from hal.joints.device import Exoskeleton, load_exoskeleton
 from hal.joints.emulator.emulator import DriveEmulator

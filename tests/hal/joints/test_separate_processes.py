@@ -12,9 +12,10 @@ import numpy as np
 import pytest
 
 from hal.errors import DrivesFault
-from hal.joints.can.bus import frame_of, open_bus, with_bus
+from hal.joints.can.bus import open_bus, with_bus
 from hal.joints.can.drive import Drive
 from hal.joints.can.driver import SocketCanJoints
+from hal.joints.can.port import frame_of
 from hal.joints.can.safe_stop import SafeStop
 from hal.joints.device import Exoskeleton, load_exoskeleton
 from hal.joints.emulator.emulator import run_emulator

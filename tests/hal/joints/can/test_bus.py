@@ -17,17 +17,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hal.errors import CanFault, DeviceFault
-from hal.joints.can.bus import (
-    ERROR_FRAMES,
-    BusPort,
-    bus_load,
-    fault_of,
-    frame_bits,
-    meaning_of,
-    message_of,
-    open_bus,
-    with_bus,
-)
+from hal.joints.can.bus import bus_load, frame_bits, open_bus, with_bus
+from hal.joints.can.port import ERROR_FRAMES, BusPort, fault_of, meaning_of, message_of
 from hal.joints.codecs.wire import Frame
 from hal.joints.device import BusDevice, Exoskeleton, load_exoskeleton
 from hal.joints.protocol import BusFault

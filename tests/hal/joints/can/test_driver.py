@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from hal.errors import CanFault, DrivesFault
-from hal.joints.can.bus import CAN_ERR_LOSTARB
 from hal.joints.can.drive import Drive
 from hal.joints.can.driver import SocketCanJoints
+from hal.joints.can.port import CAN_ERR_LOSTARB
 from hal.joints.codecs.wire import Frame, Order, SetPoint, WireQuantity
 from hal.joints.device import Exoskeleton, load_exoskeleton
 from hal.joints.emulator.firmware import EmulatedDrive, Fault

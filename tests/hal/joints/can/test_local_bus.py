@@ -14,8 +14,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hal.errors import CanFault
-from hal.joints.can.bus import BusPort, frame_of, open_bus
+from hal.joints.can.bus import open_bus
 from hal.joints.can.local_bus import GROUP, LocalBus
+from hal.joints.can.port import BusPort, frame_of
 from hal.joints.codecs.wire import Frame
 from hal.joints.device import BusDevice
 from hal.joints.protocol import BusFault

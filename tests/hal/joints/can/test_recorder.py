@@ -8,8 +8,9 @@ from pathlib import Path
 import pytest
 
 from hal.errors import CanFault
-from hal.joints.can.bus import CAN_ERR_BUSOFF, BusPort, message_of, open_bus
+from hal.joints.can.bus import open_bus
 from hal.joints.can.candump import FrameKind, LogDecoder, LogSummary, messages_of
+from hal.joints.can.port import CAN_ERR_BUSOFF, BusPort, message_of
 from hal.joints.can.recorder import BusRecorder
 from hal.joints.codecs.mit import special_frame
 from hal.joints.codecs.wire import Order

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from hal.errors import CanFault
-from hal.joints.can.bus import message_of, open_bus
+from hal.joints.can.bus import open_bus
 from hal.joints.can.drive import drives_of
+from hal.joints.can.port import message_of
 from hal.joints.can.safe_stop import SafeStop
 from hal.joints.codecs.wire import Order, SetPoint
 from hal.joints.device import JointDevice, load_exoskeleton
