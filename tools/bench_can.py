@@ -33,7 +33,7 @@ from hal.joints.can.driver import SocketCanJoints
 from hal.joints.can.reply_checks import RequestTracker
 from hal.joints.device import load_exoskeleton
 from hal.joints.emulator.emulator import DriveEmulator
-from hal.joints.emulator.firmware import Fault
+from hal.joints.emulator.faults import Fault
 from hal.joints.protocol import BusFault, Joint, JointCommand, JointFeedback
 from profiles.schema import DEMO_PATIENT
 from testing.emulated_drives import emulating

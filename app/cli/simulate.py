@@ -200,7 +200,7 @@ def emulate_drives(
     An engineer signs in first.
     """
     from hal.joints.emulator.emulator import run_emulator
-    from hal.joints.emulator.firmware import read_schedule
+    from hal.joints.emulator.faults import read_schedule
 
     sign_in(home, Permission.CONFIGURE)
     described, table = described_drives(home, device, interface, channel, motors)

@@ -22,7 +22,8 @@ from hal.joints.can.bus import open_bus, with_bus
 from hal.joints.can.port import CAN_ERR_ACK, CAN_ERR_BUSOFF, BusPort
 from hal.joints.codecs.wire import Frame, Transmission
 from hal.joints.device import Exoskeleton
-from hal.joints.emulator.firmware import DEFAULT_VALUE, EmulatedDrive, Fault, ScheduledFault
+from hal.joints.emulator.faults import DEFAULT_VALUE, Fault, ScheduledFault
+from hal.joints.emulator.firmware import EmulatedDrive
 from hal.joints.emulator.plant import FreeLegs, Motion, Plant, WornExoskeleton
 from hal.joints.emulator.scenes import SceneReceiver
 from hal.joints.motors import load_motors

@@ -1,4 +1,4 @@
-"""One emulated drive: what its firmware does with a frame, with silence, and with faults set on demand or on schedule.
+"""One emulated drive: what its firmware does with a frame, with silence, and with faults.
 
 Quirks follow the motor entry: it holds its last command for ever or goes limp after its watchdog's time, it ignores
 "set zero" in motor mode unless the entry says otherwise, and it replays its last command on enabling.
@@ -6,90 +6,22 @@ Quirks follow the motor entry: it holds its last command for ever or goes limp a
 
 from __future__ import annotations
 
-import math
 import struct
 from collections.abc import Callable
-from dataclasses import dataclass
-from enum import Enum
 
 import msgspec
 
-from hal.errors import DeviceFault, HardwareError
 from hal.joints.codecs import codec_of, cybergear, damiao
 from hal.joints.codecs.wire import NEUTRAL, Codec, Frame, Order, Reply, SetPoint
-from hal.joints.device import JOINT_NAMES, ROOM_C, JointDevice
+from hal.joints.device import ROOM_C, JointDevice
+from hal.joints.emulator.faults import Fault
 from hal.joints.emulator.plant import Motion
 from hal.joints.motors import MotorModel, OnTimeout, Watchdog, WireProtocol
-from hal.joints.protocol import Joint
-
-
-class Fault(Enum):
-    """The faults, as the command line names them."""
-
-    SILENT = "silent"  # receives and answers nothing, goes on as it was
-    ERROR = "error"  # reports an error code and gives no torque
-    LATE = "late"  # answers after `value` milliseconds
-    WRONG_ID = "wrong-id"  # answers as drive `value`
-    WRONG_RANGE = "wrong-range"  # its firmware scales velocity by `value` times the table's range
-    DUPLICATE = "duplicate"  # a second drive with the same ID
-    GARBAGE = "garbage"  # replies of wrong length
-    DISABLED = "disabled"  # leaves motor mode by itself
-    HOT = "hot"  # reports `value` °C
-    BUS_OFF = "bus-off"  # the whole bus: error frame, then nothing
-    ERROR_FRAMES = "error-frames"  # the whole bus: no acknowledgement, now and then
-    HEALED = "healed"  # all faults end
-
-
-DEFAULT_VALUE = {
-    Fault.ERROR: 1.0,
-    Fault.LATE: 30.0,
-    Fault.WRONG_ID: 77.0,
-    Fault.WRONG_RANGE: 0.45,
-    Fault.HOT: 90.0,
-}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ScheduledFault:
-    """A fault that sets in by itself; without a joint at all four."""
-
-    fault: Fault
-    joint: Joint | None = None
-    after_s: float = 0.0
-    value: float = 0.0
-
-
-def read_schedule(text: str) -> ScheduledFault:
-    """`[joint:]fault[=value][@seconds]`, e.g. `left_knee:error=2@10`. Raises HardwareError."""
-    head, _, seconds = text.partition("@")
-    name, _, value = head.partition("=")
-    where, _, what = name.rpartition(":")
-    try:
-        fault = Fault(what.strip())
-        return ScheduledFault(
-            fault=fault,
-            joint=Joint[where.strip().upper()] if where else None,
-            after_s=_number(seconds or "0"),
-            value=_number(value) if value else DEFAULT_VALUE.get(fault, 0.0),
-        )
-    except (KeyError, ValueError) as error:
-        faults = ", ".join(fault.value for fault in Fault)
-        joints = ", ".join(JOINT_NAMES)
-        raise HardwareError(DeviceFault.BAD_FAULT_SCHEDULE, fault=text, joints=joints, known=faults) from error
-
-
-def _number(text: str) -> float:
-    if not 0.0 <= (number := float(text)) < math.inf:
-        raise ValueError(text)
-    return number
-
 
 CYBERGEAR_ID_REPLY = 0xFE
 _DAMIAO_LOST = 0xD
 _SUPPLY_V = 24.0
 _PARAMETER = struct.Struct("<H2x4s")  # index, value
-
-
 AT_REST = Motion(0.0, 0.0, 0.0, ROOM_C)
 
 

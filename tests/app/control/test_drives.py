@@ -23,7 +23,7 @@ from hal.joints.can.drive import Drive
 from hal.joints.can.driver import SocketCanJoints
 from hal.joints.device import load_exoskeleton
 from hal.joints.emulator.emulator import DriveEmulator
-from hal.joints.emulator.firmware import Fault
+from hal.joints.emulator.faults import Fault
 from hal.joints.guard import limits_of
 from hal.joints.protocol import DriveFault, DriveState, Joint, JointCommand, JointFeedback
 from hal.joints.simulated.driver import SimulatedJoints

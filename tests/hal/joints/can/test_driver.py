@@ -15,7 +15,8 @@ from hal.joints.can.driver import SocketCanJoints
 from hal.joints.can.port import CAN_ERR_LOSTARB
 from hal.joints.codecs.wire import Frame, Order, SetPoint, WireQuantity
 from hal.joints.device import Exoskeleton, load_exoskeleton
-from hal.joints.emulator.firmware import EmulatedDrive, Fault
+from hal.joints.emulator.faults import Fault
+from hal.joints.emulator.firmware import EmulatedDrive
 from hal.joints.protocol import BusFault, DriveFault, DriveState, Joint, JointFeedback
 from tests.support.can_rig import (
     LOOKS,

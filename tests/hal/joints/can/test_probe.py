@@ -11,7 +11,8 @@ from hal.errors import DrivesFault
 from hal.joints.codecs import damiao
 from hal.joints.codecs.wire import Frame, Order, SetPoint, WireQuantity
 from hal.joints.device import Exoskeleton
-from hal.joints.emulator.firmware import EmulatedDrive, Fault
+from hal.joints.emulator.faults import Fault
+from hal.joints.emulator.firmware import EmulatedDrive
 from hal.joints.factory import make_joints
 from hal.joints.protocol import BusFault, DriveState, Joint
 from tests.support.can_rig import (

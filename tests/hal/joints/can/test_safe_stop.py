@@ -15,7 +15,7 @@ from hal.joints.can.port import message_of
 from hal.joints.can.safe_stop import SafeStop
 from hal.joints.codecs.wire import Order, SetPoint
 from hal.joints.device import JointDevice, load_exoskeleton
-from hal.joints.emulator.firmware import Fault
+from hal.joints.emulator.faults import Fault
 from hal.joints.protocol import Joint
 from tests.support.breaking_bus import BreakingBus
 from tests.support.can_rig import (

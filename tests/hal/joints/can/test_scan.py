@@ -26,7 +26,7 @@ from hal.joints.can.scan import ALL_IDS, QUESTIONS, BusMonitor, listen, scan
 from hal.joints.codecs import CODECS
 from hal.joints.codecs.wire import Order, Reply
 from hal.joints.emulator.emulator import DriveEmulator
-from hal.joints.emulator.firmware import Fault
+from hal.joints.emulator.faults import Fault
 from hal.joints.protocol import DriveFault, Joint
 from testing.emulated_drives import emulating
 from tests.support.breaking_bus import BreakingBus

@@ -18,7 +18,7 @@ import pytest
 from hal.errors import DrivesFault
 from hal.joints.can.bus import with_bus
 from hal.joints.can.recorder import BusRecorder
-from hal.joints.emulator.firmware import Fault
+from hal.joints.emulator.faults import Fault
 from hal.joints.protocol import BusFault, DriveState
 from tests.support.can_rig import CanRig, MakeRig, bus_of_test, command, until, with_motor
 from tests.support.errors import refused

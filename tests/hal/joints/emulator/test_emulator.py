@@ -9,7 +9,8 @@ from hal.errors import DeviceFault
 from hal.joints.codecs import codec_of, cybergear, damiao
 from hal.joints.codecs.wire import NEUTRAL, Frame, Order, SetPoint
 from hal.joints.device import load_exoskeleton
-from hal.joints.emulator.firmware import EmulatedDrive, Fault, read_schedule
+from hal.joints.emulator.faults import Fault, read_schedule
+from hal.joints.emulator.firmware import EmulatedDrive
 from hal.joints.emulator.plant import Motion
 from hal.joints.motors import OnTimeout, Watchdog, load_motors
 from hal.joints.protocol import DriveFault, Joint
