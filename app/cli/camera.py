@@ -17,7 +17,7 @@ from rich.text import Text
 from app.cli.common import HomeOption, check_figure, check_finite, check_output
 from app.cli.compare_cameras import compare_cameras
 from app.cli.permission import sign_in
-from app.perception.look import kind_of
+from app.perception.camera_names import kind_of
 from app.system.authority import Subject
 from app.system.config import CameraConfig, load_config, with_camera
 from app.system.operators import Permission

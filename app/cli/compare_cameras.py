@@ -16,8 +16,9 @@ from rich.table import Table
 
 from app.evaluate.harness import decorate, figure, write_whole
 from app.ipc.streams import LinkDirectory
+from app.perception.camera_names import parse_camera, refuse_same_device
 from app.perception.comparison import SHORTENED, SHOWN, Comparison
-from app.perception.look import CameraSample, Looker, parse_camera, refuse_same_device
+from app.perception.look import CameraSample, Looker
 from app.system.config import CameraConfig, Config, SessionSetup, load_config
 from app.system.errors import AppError
 from app.system.hand_model import set_up_model

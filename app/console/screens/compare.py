@@ -23,8 +23,9 @@ from app.console.widgets.comparison import FrameCount, camera_lines, own_depth_l
 from app.console.widgets.panel import Panel, plain
 from app.console.widgets.picture import Picture
 from app.ipc.messages import HandCommand, Preview, TriggerReport
+from app.perception.camera_names import parse_camera, refuse_same_device
 from app.perception.comparison import Comparison, comparison_record
-from app.perception.look import Looker, LookFault, parse_camera, refuse_same_device
+from app.perception.look import Looker, LookFault
 from app.system.config import SessionSetup
 from app.system.errors import AppError
 from app.text.catalogue import tr

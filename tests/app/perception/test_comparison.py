@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from app.perception import look as looking
+from app.perception import camera_names
+from app.perception.camera_names import parse_camera, refuse_same_device
 from app.perception.comparison import Comparison, comparison_record
-from app.perception.look import CameraSample, LookFault, false_colours, parse_camera, refuse_same_device
+from app.perception.look import CameraSample, LookFault, false_colours
 from app.system.config import CameraConfig
 from app.system.errors import AppError
 from profiles.schema import DistanceUsed
@@ -186,7 +187,7 @@ def test_a_recording_keeps_its_own_lens_however_its_path_is_written(
 
 
 def test_two_names_of_one_device_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(looking, "_device_of", lambda _: "0")
+    monkeypatch.setattr(camera_names, "_device_of", lambda _: "0")
     with pytest.raises(AppError) as refused:
         refuse_same_device(parse_camera("0", BASE)[0], parse_camera("C920", BASE)[0])
     assert refused.value.code is LookFault.SAME_DEVICE

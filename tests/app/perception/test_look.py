@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 from app.cli import cli
 from app.cli.compare_cameras import compare_cameras
 from app.ipc.streams import LinkDirectory
-from app.perception import look
+from app.perception import camera_names
 from app.perception.look import _Look
 from app.system.config import Config, SessionSetup
 from app.system.errors import AppError
@@ -42,7 +42,7 @@ def test_a_camera_that_can_t_be_opened_ends_the_comparison_with_its_reason(
     home = Home(tmp_path)
     (tmp_path / "hand.task").touch()  # it is not come to
     home.config.write_text(f'model = "{tmp_path / "hand.task"}"\n', encoding="utf-8")
-    monkeypatch.setattr(look, "RATES_HZ", (0.1, 999.0))  # the digital hand itself refuses it, in its process
+    monkeypatch.setattr(camera_names, "RATES_HZ", (0.1, 999.0))  # the digital hand itself refuses it, in its process
     sources = ("digital-hand@999", "digital-hand")
     found = compare_cameras(home, sources, seconds=1, alone_s=0, ruler_m=None, patient=DEMO_PATIENT)
     fault = found.faults[0]
