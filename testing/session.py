@@ -25,6 +25,7 @@ from app.ipc.states import Action
 from app.motion.plan import patient_of
 from app.motion.preflight import run_preflight
 from app.session import host as hosting
+from app.session.setup import make_setup
 from app.session.shared import held_session, shared
 from app.system.authority import demonstration
 from app.system.config import Config, JointsConfig, RecordingConfig, SessionSetup
@@ -106,7 +107,7 @@ class RealSession(WatchedSession):
         if config.joints.kind == "can":
             device = load_exoskeleton()
             run_preflight(Home(home), patient_of(patient, device), device, (Action.INITIALISE,))
-        self.setup = hosting.make_setup(Home(home), config, patient, demonstration(Home(home), config.joints, "bench"))
+        self.setup = make_setup(Home(home), config, patient, demonstration(Home(home), config.joints, "bench"))
         context = multiprocessing.get_context("spawn")
         self._commands, theirs = context.Pipe()
         self._console = context.Process(target=run_console, args=(self.setup, theirs, perception, group))

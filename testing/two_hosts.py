@@ -12,7 +12,8 @@ from app.ipc import streams
 from app.ipc.links import LatestReceiver, address
 from app.ipc.messages import LinkHealth, OperatorKind
 from app.ipc.states import Action
-from app.session.host import Latest, SessionHost, make_setup
+from app.session.host import Latest, SessionHost
+from app.session.setup import make_setup
 from app.system.authority import demonstration
 from app.system.config import Config, JointsConfig
 from app.system.paths import Home

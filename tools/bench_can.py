@@ -23,7 +23,7 @@ from app.ipc.links import LatestReceiver, address
 from app.ipc.messages import TriggerReport
 from app.ipc.streams import TRIGGER
 from app.session.child import run_process
-from app.session.host import make_setup
+from app.session.setup import make_setup
 from app.system.authority import demonstration
 from app.system.config import Config, load_config
 from app.system.paths import find_home

@@ -27,7 +27,8 @@ from app.ipc.messages import OperatorKind, PerceptionCommand
 from app.ipc.states import Action
 from app.link.questions import require_joints
 from app.outcomes.guided import GuidedStop
-from app.session.host import END_S, START_S, make_setup
+from app.session.host import END_S, START_S
+from app.session.setup import make_setup
 from app.system.authority import Authority
 from app.system.config import Config, Purpose, SessionSetup
 from app.system.errors import AppError, ConsoleFault

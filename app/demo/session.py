@@ -16,7 +16,8 @@ from app.demo.scenario import Attempt, Step, run_scenario, spread
 from app.ipc.messages import PerceptionCommand
 from app.ipc.snapshot import Lateness, PauseSummary
 from app.ipc.states import ACTION_OF, Action
-from app.session.host import SessionHost, make_setup
+from app.session.host import SessionHost
+from app.session.setup import make_setup
 from app.system.authority import demonstration
 from app.system.config import CameraConfig, Config, JointsConfig, SessionSetup, load_config
 from app.system.paths import Home, pictures_path

@@ -19,7 +19,8 @@ from app.ipc.snapshot import ControlSnapshot
 from app.link.clock import ClockEstimate, localized
 from app.link.commands import CommandRelay
 from app.link.wire import LinkFault, LinkNotice, SessionRequest
-from app.session.host import SessionHost, make_setup
+from app.session.host import SessionHost
+from app.session.setup import make_setup
 from app.session.shared import held_session
 from app.system.authority import Proof
 from app.system.config import Config, SessionSetup, load_config

@@ -6,25 +6,19 @@ goes over links, so that any console with the newest lease can command.
 
 from __future__ import annotations
 
-import os
-import secrets
 import shutil
-import sys
-import tempfile
 import threading
 import time
 from collections.abc import Callable
-from contextlib import closing, suppress
+from contextlib import closing
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from enum import Enum, auto
-from pathlib import Path
 from typing import TypeVar
 
 import msgspec
 
 from app.ipc import streams
-from app.ipc.links import LatestReceiver, OrderedSender, address, new_link_directory, start_links
+from app.ipc.links import LatestReceiver, OrderedSender, address, start_links
 from app.ipc.messages import (
     STOP_KINDS,
     AuditHealth,
@@ -42,25 +36,18 @@ from app.ipc.messages import (
 from app.ipc.snapshot import ControlSnapshot
 from app.ipc.states import Action
 from app.session.child import run_process
-from app.session.shared import Launch, Peer, current_lease, encode, take_lease
-from app.system.authority import Authority, AuthorityFault
-from app.system.config import Config, Purpose, SessionSetup
+from app.session.launch import launch
+from app.session.shared import Peer, current_lease, take_lease
+from app.system.config import SessionSetup
 from app.system.errors import AppError
-from app.system.legs_lock import claim_legs
-from app.system.operators import Permission, needs_sign_in
-from app.system.paths import Home
 from app.system.scheduling import call_with_scheduling, set_scheduling
-from profiles.schema import Profile
 
 M = TypeVar("M", bound=msgspec.Struct)
 
-START_ORDER: tuple[str, ...] = ("audit", "perception", "guardian", "planner", "control")
-LINKED_ORDER: tuple[str, ...] = ("audit", "perception", "link")  # the joints are another computer's
 START_S = 30.0  # the session's process spawns the others, on a busy machine
 END_S = 28.0  # each process's patience, and the trail's on a usual disk; on a slower one audit ends by itself
 # The heartbeat says that STOP can be given. The terminal's input thread, which takes STOP, reports every 0.1 s.
 INPUT_TIMEOUT_S = 0.5
-LONGEST_PLACE = 60  # of a socket's 107 bytes (unix(7)); folder and longest stream (`app/ipc/streams.py`) take 34
 
 
 class SessionFault(Enum):
@@ -82,47 +69,6 @@ class Latest:
     guardian: GuardianHealth | None = None
     link: LinkHealth | None = None
     stop_sent_ns: int = 0  # of the oldest STOP of this console that control has not acknowledged; 0: none waits
-
-
-def make_setup(
-    home: Home,
-    config: Config,
-    profile: Profile,
-    authority: Authority | None,
-    permission: Permission | None = Permission.OPERATE,
-    *,
-    purpose: Purpose = "session",
-) -> SessionSetup:
-    """Name a session and give it its private directory of sockets.
-
-    Real joints ask for the permission; None: nothing will move, somebody watches. Raises AppError when it is not there.
-    """
-    if permission is not None and needs_sign_in(config):
-        if authority is None:
-            raise AppError(AuthorityFault.SIGN_IN_NEEDED)
-        from app.system.configure import record_outside_change  # brings the trail's readers
-
-        authority.require(permission)
-        record_outside_change(home, authority.name, authority.role_name, authority.proof)
-    stamp = datetime.now(UTC).strftime("%Y%m%dT%H%M%SZ")
-    return SessionSetup(
-        session=f"{stamp}-{secrets.token_hex(2)}",
-        home=home.root,
-        links=new_link_directory(_socket_folder()),
-        config=config,
-        profile=profile,
-        operator=authority.name if authority else "",
-        role=authority.role_name if authority else "",
-        began_ns=time.monotonic_ns(),
-        purpose=purpose,
-    )
-
-
-def _socket_folder() -> Path:
-    """A new one (0700), in /tmp where the temporary folder's name is too long for a socket, or none for ZeroMQ."""
-    place = tempfile.gettempdir()
-    usable = place.isascii() and len(place) <= LONGEST_PLACE
-    return Path(tempfile.mkdtemp(prefix="rleex-", dir=place if usable else "/tmp"))
 
 
 class SessionHost:
@@ -173,7 +119,7 @@ class SessionHost:
         if self.setup.host_pid:
             self._take_over()
         else:
-            self._launch()
+            self._host = launch(self.setup, self._entry, self._without)
         self._heartbeat_thread.start()
         limit_s = time.monotonic() + START_S
         while not self.processes():
@@ -297,32 +243,6 @@ class SessionHost:
                     }
             return min((at_ns for _, at_ns in self._stops.values()), default=0)
 
-    def _launch(self) -> None:
-        """A process of its own session, which no terminal's end reaches."""
-        claim_legs(self.setup).close()  # the session's process takes it; here it can be told why not
-        order = tuple(name for name in _start_order(self.setup.config) if name not in self._without)
-        launch = Launch(setup=self.setup, entry=self._entry, order=order)
-        take_lease(self.setup.links)
-        folder = self.setup.home / "diagnostics"
-        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-        output = str(folder / f"{self.setup.session}-session.txt")
-        reads, writes = os.pipe()
-        pid = os.posix_spawn(
-            sys.executable,
-            [sys.executable, "-m", "app.session.supervise"],
-            os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-            file_actions=[
-                (os.POSIX_SPAWN_DUP2, reads, 0),
-                (os.POSIX_SPAWN_OPEN, 1, output, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600),
-                (os.POSIX_SPAWN_DUP2, 1, 2),
-            ],
-            setsid=True,
-        )
-        self._host = Peer(pid)
-        os.close(reads)
-        with os.fdopen(writes, "wb") as pipe, suppress(BrokenPipeError):
-            pipe.write(encode(launch))
-
     def _take_over(self) -> None:
         """The next lease; control holds the legs from then on, and hears no earlier console."""
         self._host = Peer(self.setup.host_pid, self.setup.host_started)
@@ -343,14 +263,6 @@ class SessionHost:
 
     def _subscribe(self, name: str, kind: type[M]) -> LatestReceiver[M]:
         return LatestReceiver(address(self.setup.links, name), kind)
-
-
-def _start_order(config: Config) -> tuple[str, ...]:
-    """Recorders first: joints on CAN have their buses recorded from the first frame on."""
-    remote = bool(config.joints.host)
-    recorders = [("bus-log", config.joints.kind == "can" and not remote), ("recording", config.recording.on)]
-    order = LINKED_ORDER if remote else START_ORDER
-    return (*order[:1], *(name for name, wanted in recorders if wanted), *order[1:])
 
 
 def _with_liveness(process: ProcessStatus) -> ProcessStatus:

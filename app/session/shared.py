@@ -29,14 +29,6 @@ _LEASE = "lease"
 _MAX_BYTES = 1 << 20
 
 
-class Launch(Struct, frozen=True, kw_only=True):
-    """What a console starts a session with; it comes through a pipe, since it holds the session's key."""
-
-    setup: SessionSetup
-    entry: str  # "module:function" that each process runs with its name and the setup
-    order: tuple[str, ...]
-
-
 class Lease(Struct, frozen=True, kw_only=True):
     """The console that commands; number 1 began the session."""
 

@@ -25,7 +25,8 @@ from app.ipc import streams
 from app.ipc.links import LatestReceiver, Publisher, address, end_links
 from app.ipc.messages import ProcessStatus, SessionStatus, TriggerReport
 from app.session.child import Supervisor
-from app.session.shared import Launch, Lease, Peer, current_lease, decode, share, start_of, unshare
+from app.session.launch import Launch
+from app.session.shared import Lease, Peer, current_lease, decode, share, start_of, unshare
 from app.system.diagnostics_log import get_logger, start_log, stop_log
 from app.system.legs_lock import claim_legs
 from app.system.paths import Home

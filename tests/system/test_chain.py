@@ -13,7 +13,8 @@ from app.demo.runner import ScenarioRunner
 from app.demo.scenario import ALL_TWELVE, Step
 from app.demo.session import SessionResult, demo_config, demo_patient, run_session
 from app.ipc.states import ACTION_OF, RequestRefusal, Source
-from app.session.host import SessionHost, make_setup
+from app.session.host import SessionHost
+from app.session.setup import make_setup
 from app.system.authority import demonstration
 from app.system.config import Config, JointsConfig
 from app.system.paths import Home

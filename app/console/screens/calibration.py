@@ -21,7 +21,7 @@ from app.console.widgets.panel import bar
 from app.console.widgets.picture import Picture
 from app.console.worker import Worker
 from app.ipc.messages import Preview
-from app.session.host import make_setup
+from app.session.setup import make_setup
 from app.system.config import SessionSetup
 from app.system.diagnostics_log import discard_output
 from app.system.operators import Permission

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from app.audit.process import start_record
-from app.session.host import make_setup
+from app.session.setup import make_setup
 from app.system.config import Config
 from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT

@@ -16,7 +16,7 @@ from app.console.screens.session import SessionScreen
 from app.console.screens.signin import SignInDialog
 from app.ipc.links import OrderedReceiver, address
 from app.ipc.streams import AUDIT
-from app.session.host import make_setup
+from app.session.setup import make_setup
 from app.system.config import Config, JointsConfig
 from app.system.operators import Role, add_operator, load_store, save_store
 from app.system.paths import Home

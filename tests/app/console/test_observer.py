@@ -30,7 +30,7 @@ from app.ipc.messages import (
     TriggerReport,
 )
 from app.ipc.states import Effect
-from app.session.host import make_setup
+from app.session.setup import make_setup
 from app.session.shared import share, shared, unshare
 from app.system.config import Config, JointsConfig, SessionSetup
 from app.system.errors import AppError

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 from app.console.screens import session
 from app.console.screens.hand_keys import HandKeys
 from app.ipc.messages import PerceptionCommand
-from app.session.host import make_setup
+from app.session.setup import make_setup
 from app.system.config import Config, RecordingConfig
 from app.system.paths import Home, pictures_path
 from app.text.catalogue import tr

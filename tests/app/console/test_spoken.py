@@ -24,7 +24,7 @@ from app.ipc.messages import OperatorKind
 from app.ipc.snapshot import ActionReport
 from app.ipc.states import Action, Effect, Event, GaitState, Outcome, Source
 from app.ipc.streams import LinkDirectory
-from app.session.host import make_setup
+from app.session.setup import make_setup
 from app.session.shared import share
 from app.system.config import Config, SessionSetup
 from app.system.errors import AppError

@@ -15,7 +15,7 @@ from app.console.screens.session import SessionScreen
 from app.console.screens.signin import SignInDialog
 from app.console.screens.start import StartSession
 from app.ipc.messages import OperatorKind
-from app.session.host import make_setup
+from app.session.setup import make_setup
 from app.session.shared import current_lease, take_lease
 from app.system.config import Config, JointsConfig, Purpose, SessionSetup
 from app.system.operators import Role, add_operator, load_store, may_take_over, save_store

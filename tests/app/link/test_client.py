@@ -34,7 +34,7 @@ from app.link.wire import (
     Welcome,
     program,
 )
-from app.session.host import make_setup
+from app.session.setup import make_setup
 from app.system.config import Config, JointsConfig
 from app.system.paths import Home
 from logs.reason import reason

@@ -19,7 +19,7 @@ from app.link.port import JointsPort
 from app.link.questions import find, why_silent
 from app.link.remote import RETRY_NS, Remote
 from app.link.wire import VERSION, LinkFault, Welcome, program, split_address
-from app.session.host import make_setup
+from app.session.setup import make_setup
 from app.system.config import Config, JointsConfig, SessionSetup
 from app.system.errors import AppError
 from app.system.paths import Home

@@ -20,7 +20,7 @@ from app.link.port import Where
 from app.link.server import JointsServer
 from app.link.service import config_at_start
 from app.link.wire import VERSION, Hello, Packet, SessionRequest, StopMark, ToJoints, program
-from app.session.host import make_setup
+from app.session.setup import make_setup
 from app.session.shared import share
 from app.system.config import Config
 from app.system.errors import AppError

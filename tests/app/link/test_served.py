@@ -23,7 +23,7 @@ from app.link.beats import LOST_NS
 from app.link.clock import ClockEstimate
 from app.link.served import ServedSession
 from app.link.wire import LinkFault, SessionRequest, StopMark
-from app.session.host import make_setup
+from app.session.setup import make_setup
 from app.system.config import Config, JointsConfig
 from app.system.paths import Home
 from hal.errors import CanFault

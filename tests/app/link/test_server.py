@@ -28,7 +28,7 @@ from app.link.questions import Answer, Asking, PairBegin, PairConfirm, PairRefus
 from app.link.remote import Remote
 from app.link.server import JointsServer
 from app.link.wire import VERSION, Hello, LinkFault, Refused, ToJoints, ToLaptop, Welcome, program
-from app.session.host import make_setup
+from app.session.setup import make_setup
 from app.system.config import Config, JointsConfig, SessionSetup
 from app.system.errors import AppError
 from app.system.paths import Home

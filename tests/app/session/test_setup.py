@@ -13,7 +13,7 @@ import pytest
 from app.ipc import streams
 from app.ipc.links import OrderedReceiver, address
 from app.ipc.messages import OperatorCommand
-from app.session.host import make_setup
+from app.session.setup import make_setup
 from app.session.shared import encode
 from app.system.authority import demonstration
 from app.system.config import Config, JointsConfig

@@ -21,7 +21,8 @@ from app.ipc.messages import OperatorCommand, OperatorKind, ProcessStatus, Sessi
 from app.ipc.snapshot import ControlSnapshot
 from app.ipc.states import Effect
 from app.ipc.streams import OPERATOR, SESSION, SNAPSHOT, LinkDirectory
-from app.session.host import SessionHost, make_setup
+from app.session.host import SessionHost
+from app.session.setup import make_setup
 from app.session.shared import Peer, current_lease, held_session, share, shared, start_of, take_lease, unshare
 from app.system.config import Config, SessionSetup
 from app.system.errors import AppError

@@ -19,8 +19,9 @@ from app.audit.process import GIVE_UP_S
 from app.ipc.streams import SESSION
 from app.session import supervise
 from app.session.child import AWAY_S, BACK_OFF_S, LOADING_S, SILENCE_S, STEADY_S, Supervisor
-from app.session.host import make_setup
-from app.session.shared import Launch, encode, take_lease
+from app.session.launch import Launch
+from app.session.setup import make_setup
+from app.session.shared import encode, take_lease
 from app.session.supervise import SessionProcesses, end_child
 from app.system.config import Config
 from app.system.paths import Home

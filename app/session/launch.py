@@ -1,0 +1,63 @@
+"""How a session's own process is started, and which processes it starts, in which order."""
+
+from __future__ import annotations
+
+import os
+import sys
+from contextlib import suppress
+
+from msgspec import Struct
+
+from app.session.shared import Peer, encode, take_lease
+from app.system.config import Config, SessionSetup
+from app.system.legs_lock import claim_legs
+
+START_ORDER: tuple[str, ...] = ("audit", "perception", "guardian", "planner", "control")
+LINKED_ORDER: tuple[str, ...] = ("audit", "perception", "link")  # the joints are another computer's
+
+
+class Launch(Struct, frozen=True, kw_only=True):
+    """What a console starts a session with; it comes through a pipe, since it holds the session's key."""
+
+    setup: SessionSetup
+    entry: str  # "module:function" that each process runs with its name and the setup
+    order: tuple[str, ...]
+
+
+def launch(setup: SessionSetup, entry: str, without: frozenset[str]) -> Peer:
+    """Start a process of its own session, which no terminal's end reaches.
+
+    entry: as in `Launch`; without: processes that it is not to start. Raises AppError while the legs are another's.
+    """
+    claim_legs(setup).close()  # the session's process takes it; here it can be told why not
+    order = tuple(name for name in _start_order(setup.config) if name not in without)
+    start = Launch(setup=setup, entry=entry, order=order)
+    take_lease(setup.links)
+    folder = setup.home / "diagnostics"
+    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+    output = str(folder / f"{setup.session}-session.txt")
+    reads, writes = os.pipe()
+    pid = os.posix_spawn(
+        sys.executable,
+        [sys.executable, "-m", "app.session.supervise"],
+        os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+        file_actions=[
+            (os.POSIX_SPAWN_DUP2, reads, 0),
+            (os.POSIX_SPAWN_OPEN, 1, output, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600),
+            (os.POSIX_SPAWN_DUP2, 1, 2),
+        ],
+        setsid=True,
+    )
+    host = Peer(pid)
+    os.close(reads)
+    with os.fdopen(writes, "wb") as pipe, suppress(BrokenPipeError):
+        pipe.write(encode(start))
+    return host
+
+
+def _start_order(config: Config) -> tuple[str, ...]:
+    """Recorders first: joints on CAN have their buses recorded from the first frame on."""
+    remote = bool(config.joints.host)
+    recorders = [("bus-log", config.joints.kind == "can" and not remote), ("recording", config.recording.on)]
+    order = LINKED_ORDER if remote else START_ORDER
+    return (*order[:1], *(name for name, wanted in recorders if wanted), *order[1:])
