@@ -16,7 +16,7 @@ from app.ipc.links import end_links
 from app.system.config import SessionSetup
 from app.system.diagnostics_log import get_logger, start_log, stop_log
 from app.system.paths import Home
-from app.system.scheduling import set_oom_score_adj
+from app.system.scheduling import set_oom_score_adj, start_autogroup
 
 # name → "module:function"; imported in the child, so that the console never loads mediapipe or mujoco
 ENTRY_POINTS = {
@@ -30,6 +30,8 @@ ENTRY_POINTS = {
     "perception": "app.perception.process:run_perception",
 }
 
+OWN_GROUP = frozenset({"guardian", "control", "planner", "link", "audit"})  # needed in time, with little to do
+
 _log = get_logger("process")
 
 
@@ -38,6 +40,8 @@ def run_process(name: str, setup: SessionSetup) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGHUP, signal.SIG_IGN)
     set_oom_score_adj(name)
+    if name in OWN_GROUP:
+        start_autogroup(name)
     home = Home(setup.home)
     start_log(home, name, session=setup.session, patient=setup.profile.identifier)
     _redirect_output(home, f"{setup.session}-{name}")

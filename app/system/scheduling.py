@@ -106,6 +106,17 @@ def set_autogroup_nice(name: str, autogroup: Path = _AUTOGROUP) -> bool:
     return True
 
 
+def start_autogroup(name: str, autogroup: Path = _AUTOGROUP) -> None:
+    """Leave the group of the processes that started this one for one of its own, weighed by that policy's niceness.
+
+    Linux shares the cores between groups first: in one with perception, which on a busy machine needs more than the
+    group's share, who needs little waits as long. SCHED_FIFO is above all groups, but not everybody is allowed it.
+    """
+    with suppress(PermissionError):  # it leads one already
+        os.setsid()
+    set_autogroup_nice(name, autogroup)
+
+
 @contextmanager
 def autogroup_nice(name: str, autogroup: Path = _AUTOGROUP) -> Iterator[bool]:
     """The same while the body runs, for a group that other programs share; whether that was allowed."""

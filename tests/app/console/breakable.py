@@ -48,7 +48,7 @@ class UnpluggableHand(DigitalHandCamera):
 
 
 def begin_breakable(name: str, setup: SessionSetup) -> None:
-    """One process of a session, as `app.session.child.begin` runs it, ready to be broken."""
+    """One process of a session, as `run_process` runs it, ready to be broken."""
     PREPARE.get(name, lambda: None)()
     run_process(name, setup)
 

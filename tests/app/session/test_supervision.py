@@ -214,6 +214,31 @@ def test_a_perception_that_can_not_be_started_again_ends_no_session(
         processes.close()
 
 
+RUN = """
+import os, sys
+from pathlib import Path
+from app.session import child
+from app.session.setup import make_setup
+from app.system.config import Config
+from app.system.paths import Home
+from profiles.schema import DEMO_PATIENT
+name, folder = sys.argv[1], Path(sys.argv[2])
+child.ENTRY_POINTS[name] = "builtins:repr"
+child.run_process(name, make_setup(Home(folder), Config(), DEMO_PATIENT, None))
+(folder / "leads").write_text(str(os.getsid(0) == os.getpid()))
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "leads"), [("control", True), ("guardian", True), ("audit", True), ("perception", False)]
+)
+def test_who_is_needed_in_time_does_not_share_its_group_of_processes_with_perception(
+    tmp_path: Path, name: str, *, leads: bool
+) -> None:
+    subprocess.run([sys.executable, "-c", RUN, name, str(tmp_path)], check=True, timeout=60)
+    assert (tmp_path / "leads").read_text() == str(leads)
+
+
 def test_a_session_ends_in_order_though_its_file_can_not_be_removed(tmp_path: Path) -> None:
     home = Home(tmp_path / "home")
     setup = make_setup(home, Config(), DEMO_PATIENT, None)
