@@ -15,8 +15,8 @@ import pytest
 from app.evaluate.detector_pool import PoolDetector
 from app.evaluate.harness import EvaluateFault, kept_lines
 from app.evaluate.loop.response import APPROACH_M
-from app.evaluate.trigger import foreign
-from app.evaluate.trigger.foreign import CROSSED_BEGIN_NS, ClipOutcome, ForeignResult, PushResult, evaluate_foreign
+from app.evaluate.trigger import foreign_stage
+from app.evaluate.trigger.foreign import ForeignResult, PushResult, evaluate_foreign
 from app.evaluate.trigger.foreign_clips import (
     BESIDE_M,
     CLIP_FRAMES,
@@ -29,6 +29,7 @@ from app.evaluate.trigger.foreign_clips import (
     clips,
     turned,
 )
+from app.evaluate.trigger.foreign_stage import CROSSED_BEGIN_NS, ClipOutcome
 from app.system.errors import AppError
 from hal.cameras.digital_hand.driver import DigitalHandCamera
 from hal.cameras.digital_hand.render import Rendered, Scene, keypoints_m, person_of, posed
@@ -81,7 +82,7 @@ class HerePool:
 @pytest.fixture
 def known(monkeypatch: pytest.MonkeyPatch) -> KnownHands:
     hands = KnownHands()
-    monkeypatch.setattr(foreign, "render", hands.render)
+    monkeypatch.setattr(foreign_stage, "render", hands.render)
     return hands
 
 
@@ -105,7 +106,7 @@ def test_only_the_enrolled_hand_commands(known: KnownHands) -> None:
 def test_a_run_that_was_ended_goes_on_where_it_was(
     known: KnownHands, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(foreign, "CLIP_FRAMES", 10)
+    monkeypatch.setattr(foreign_stage, "CLIP_FRAMES", 10)
     wanted, keep = clips(frames=2 * CLIP_FRAMES, pushes=0, seed=1), tmp_path / "clips.jsonl"
     ended = run(known, wanted, keep, stop_after=1)
     assert (frames_of(ended), ended.interrupted) == (10, True)
@@ -118,7 +119,7 @@ def test_a_run_that_was_ended_goes_on_where_it_was(
 def test_clips_of_another_program_are_refused(
     known: KnownHands, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(foreign, "CLIP_FRAMES", 10)
+    monkeypatch.setattr(foreign_stage, "CLIP_FRAMES", 10)
     wanted, keep = clips(frames=CLIP_FRAMES, pushes=0, seed=1), tmp_path / "clips.jsonl"
     assert frames_of(run(known, wanted, keep)) == 10
     (kept,) = kept_lines(keep, ClipOutcome)
