@@ -55,7 +55,8 @@ def distance(
         refuse_options("evaluate distance DIR", simulated)
         _distance_on_frames(folder, json_file, plot, home)
         return
-    from app.evaluate.distance.table5 import evaluate_table_5, plot_table_5, steps, tables
+    from app.evaluate.distance.table5 import evaluate_table_5, steps
+    from app.evaluate.distance.table5_results import plot_table_5, tables
 
     with detector_processes(home, workers, steps(hands, walks)) as (pool, step):
         result = evaluate_table_5(pool, hands=hands, walks=walks, focal_px=focal_px, step=step)

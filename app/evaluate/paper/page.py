@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from app.evaluate.distance.table5 import FIRST_HAND as FIRST_RULER
-from app.evaluate.distance.table5 import PAPER_TABLE_5
+from app.evaluate.distance.table5_results import PAPER_TABLE_5
 from app.evaluate.gestures.report import PAPER_MACRO_F1, PAPER_MAP, PAPER_TABLE_3
 from app.evaluate.harness import MODES, decimals, decorate, figure, require_extra, write_whole
 from app.evaluate.loop.speed import BARE, PAPER_TABLE_4, WHOLE

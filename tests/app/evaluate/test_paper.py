@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from app.evaluate.distance.frames import DistanceFigures
-from app.evaluate.distance.table5 import PAPER_TABLE_5, Table5, Table5Row
+from app.evaluate.distance.table5_results import PAPER_TABLE_5, Table5, Table5Row
 from app.evaluate.gestures.measures import Figures, GestureFigures
 from app.evaluate.gestures.report import PAPER_TABLE_3
 from app.evaluate.gestures.report import as_json as gestures_json

@@ -20,7 +20,8 @@ from app.cli.evaluate.common import unreadable_lines
 from app.cli.evaluate.keypoints import detected_images
 from app.evaluate.distance.frames import figures as distance_figures
 from app.evaluate.distance.frames import measure_frames
-from app.evaluate.distance.table5 import Table5, _Held, _row, tables
+from app.evaluate.distance.table5 import _Held, _row
+from app.evaluate.distance.table5_results import Table5, tables
 from app.evaluate.gestures.ablation import measure_preparations, photos, preparation_table
 from app.evaluate.gestures.images import classify_all, detect_images, published_classifier
 from app.evaluate.gestures.measures import NOT_SHOWN, measure, measure_sequence
