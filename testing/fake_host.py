@@ -23,7 +23,7 @@ from app.ipc.messages import (
 )
 from app.ipc.snapshot import ActionReport, ActiveEvent, ControlSnapshot, RealTime
 from app.ipc.states import ACTION_OF, Action, Effect, Event, GaitState, Source
-from app.session.host import Latest
+from app.session.latest import Latest
 from app.system.config import SessionSetup
 from app.system.vocabulary import by_key_only, vocabulary_of
 from kgdfa.distance import DistanceSource

@@ -12,7 +12,8 @@ from app.ipc import streams
 from app.ipc.links import LatestReceiver, address
 from app.ipc.messages import LinkHealth, OperatorKind
 from app.ipc.states import Action
-from app.session.host import Latest, SessionHost
+from app.session.host import SessionHost
+from app.session.latest import Latest
 from app.session.setup import make_setup
 from app.system.authority import demonstration
 from app.system.config import Config, JointsConfig

@@ -17,7 +17,7 @@ from app.ipc.snapshot import ActionReport, ControlSnapshot, JointSnapshot
 from app.ipc.states import Action, Effect, Event, GaitState, Outcome, Source
 from app.motion.plan import patient_of
 from app.perception.reporting import Image, PreviewPacer
-from app.session.host import Latest
+from app.session.latest import Latest
 from app.system.config import SessionSetup
 from app.system.paths import Home
 from hal.cameras.digital_hand.raycast import project_px

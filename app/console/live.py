@@ -18,7 +18,7 @@ from app.ipc.messages import HandCommand, OperatorKind, PerceptionCommand
 from app.ipc.states import Action
 from app.outcomes.guided import GuidedRefusal, GuidedRun, GuidedStop, GuidedTest, advance, begin, refusal_of, result_of
 from app.outcomes.guided import stop as stopped
-from app.session.host import Latest
+from app.session.latest import Latest
 from app.system.authority import Authority
 from app.system.config import SessionSetup
 from app.system.operators import Permission

@@ -11,23 +11,9 @@ from typing import TYPE_CHECKING
 
 import msgspec
 
-from app.ipc import streams as processes
-from app.ipc.links import LatestReceiver, address
-from app.ipc.messages import (
-    AuditHealth,
-    GuardianHealth,
-    HandCommand,
-    LinkHealth,
-    OperatorKind,
-    PerceptionCommand,
-    Preview,
-    ProcessStatus,
-    SessionStatus,
-    TriggerReport,
-)
-from app.ipc.snapshot import ControlSnapshot
+from app.ipc.messages import HandCommand, OperatorKind, PerceptionCommand, ProcessStatus
 from app.ipc.states import Action
-from app.session.host import Latest
+from app.session.latest import Latest, LatestStreams
 from app.session.shared import Peer, shared
 from app.system.config import Config, SessionSetup
 from app.system.paths import Home
@@ -45,15 +31,7 @@ class ObserverHost:
 
     def __init__(self, setup: SessionSetup) -> None:
         self.setup = setup
-        links = setup.links
-        self._snapshots = LatestReceiver(address(links, processes.SNAPSHOT.name), ControlSnapshot)
-        self._reports = LatestReceiver(address(links, processes.TRIGGER.name), TriggerReport)
-        self._previews = LatestReceiver(address(links, processes.PREVIEW.name), Preview)
-        self._audit = LatestReceiver(address(links, processes.AUDIT_HEALTH.name), AuditHealth)
-        self._guardian = LatestReceiver(address(links, processes.GUARDIAN.name), GuardianHealth)
-        self._statuses = LatestReceiver(address(links, processes.SESSION.name), SessionStatus)
-        link = address(links, processes.LINK.name)
-        self._link = LatestReceiver(link, LinkHealth) if setup.joints_elsewhere else None
+        self._streams = LatestStreams(setup)
         self._processes = tuple(  # until the session's process says more
             ProcessStatus(name=name, pid=0, alive=True, restarts=0, exit_code=None)
             for name in ("audit", "guardian", "planner", "control", "perception")
@@ -79,10 +57,8 @@ class ObserverHost:
 
     def close(self) -> None:
         """The same."""
-        health = (self._audit, self._guardian, self._statuses, self._link)
-        for link in (self._snapshots, self._reports, self._previews, *health, self._session):
-            if link is not None:
-                link.close()
+        self._streams.close()
+        self._session.close()
 
     def send(self, kind: OperatorKind, action: Action | None = None, *, input_ns: int | None = None) -> int:  # noqa: ARG002
         """An observer gives no orders."""
@@ -102,19 +78,11 @@ class ObserverHost:
 
     def poll(self) -> Latest:
         """The newest of each stream."""
-        status = self._statuses.receive()
-        self._processes = self._processes if status is None else status.processes
+        processes = self._streams.processes()
+        self._processes = self._processes if processes is None else processes
         if self.ended:
             self._processes = tuple(msgspec.structs.replace(one, alive=False) for one in self._processes)
-        return Latest(
-            snapshot=self._snapshots.receive(),
-            report=self._reports.receive(),
-            preview=self._previews.receive(),
-            audit=self._audit.receive(),
-            guardian=self._guardian.receive(),
-            processes=self._processes,
-            link=None if self._link is None else self._link.receive(),
-        )
+        return self._streams.receive(self._processes)
 
 
 def observe(home: Home, config: Config) -> None:

@@ -11,7 +11,7 @@ from app.ipc.messages import AuditHealth, GuardianHealth, LinkHealth, Preview, P
 from app.ipc.snapshot import ActiveEvent, ControlSnapshot
 from app.ipc.states import Effect
 from app.ipc.streams import SNAPSHOT, TRIGGER
-from app.session.host import Latest
+from app.session.latest import Latest
 from app.system.config import SessionSetup
 from app.system.vocabulary import VocabularyStatus
 from app.voice.signals import VoiceState

@@ -11,38 +11,31 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import replace
 from enum import Enum, auto
-from typing import TypeVar
 
 import msgspec
 
 from app.ipc import streams
-from app.ipc.links import LatestReceiver, OrderedSender, address, start_links
+from app.ipc.links import OrderedSender, address, start_links
 from app.ipc.messages import (
     STOP_KINDS,
-    AuditHealth,
-    GuardianHealth,
     HandCommand,
     LinkHealth,
     OperatorCommand,
     OperatorKind,
     PerceptionCommand,
-    Preview,
     ProcessStatus,
-    SessionStatus,
-    TriggerReport,
 )
 from app.ipc.snapshot import ControlSnapshot
 from app.ipc.states import Action
 from app.session.child import run_process
+from app.session.latest import Latest, LatestStreams
 from app.session.launch import launch
 from app.session.shared import Peer, current_lease, take_lease
 from app.system.config import SessionSetup
 from app.system.errors import AppError
 from app.system.scheduling import call_with_scheduling, set_scheduling
-
-M = TypeVar("M", bound=msgspec.Struct)
 
 START_S = 30.0  # the session's process spawns the others, on a busy machine
 END_S = 28.0  # each process's patience, and the trail's on a usual disk; on a slower one audit ends by itself
@@ -55,20 +48,6 @@ class SessionFault(Enum):
 
     NOT_STARTED = auto()  # folder
     NOT_TAKEN_OVER = auto()
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Latest:
-    """The newest of each stream; None where nothing new came since the last poll."""
-
-    snapshot: ControlSnapshot | None
-    report: TriggerReport | None
-    preview: Preview | None
-    audit: AuditHealth | None
-    processes: tuple[ProcessStatus, ...]
-    guardian: GuardianHealth | None = None
-    link: LinkHealth | None = None
-    stop_sent_ns: int = 0  # of the oldest STOP of this console that control has not acknowledged; 0: none waits
 
 
 class SessionHost:
@@ -103,13 +82,7 @@ class SessionHost:
         self._closed = False
         self._ending = threading.Event()
         self._heartbeat_thread = threading.Thread(target=self._send_heartbeats, name="operator-heartbeat", daemon=True)
-        self._snapshots = self._subscribe(streams.SNAPSHOT.name, ControlSnapshot)
-        self._reports = self._subscribe(streams.TRIGGER.name, TriggerReport)
-        self._previews = self._subscribe(streams.PREVIEW.name, Preview)
-        self._audit = self._subscribe(streams.AUDIT_HEALTH.name, AuditHealth)
-        self._guardian = self._subscribe(streams.GUARDIAN.name, GuardianHealth)
-        self._statuses = self._subscribe(streams.SESSION.name, SessionStatus)
-        self._link = self._subscribe(streams.LINK.name, LinkHealth) if setup.joints_elsewhere else None
+        self._streams = LatestStreams(setup)
 
     def start(self) -> None:
         """Start every process, or take the running ones over; the streams show when each is ready.
@@ -154,11 +127,8 @@ class SessionHost:
         self._closed = True
         self._ending.set()
         with self._lock:
-            sent = (self._operator, self._perception)
-            health = (self._audit, self._guardian, self._statuses, self._link)
-            for link in (*sent, self._snapshots, self._reports, self._previews, *health):
-                if link is not None:
-                    link.close()
+            for link in (self._operator, self._perception, self._streams):
+                link.close()
             if self._host is not None:
                 self._host.close()
 
@@ -205,18 +175,8 @@ class SessionHost:
 
     def poll(self) -> Latest:
         """The newest of each stream, without waiting."""
-        snapshot = self._snapshots.receive()
-        link = None if self._link is None else self._link.receive()
-        return Latest(
-            snapshot=snapshot,
-            report=self._reports.receive(),
-            preview=self._previews.receive(),
-            audit=self._audit.receive(),
-            processes=self.processes(),
-            guardian=self._guardian.receive(),
-            link=link,
-            stop_sent_ns=self._unacknowledged(snapshot, link),
-        )
+        latest = self._streams.receive(self.processes())
+        return replace(latest, stop_sent_ns=self._unacknowledged(latest.snapshot, latest.link))
 
     def processes(self) -> tuple[ProcessStatus, ...]:
         """Each process and whether it lives, as the session's process last said; without that one, as far as we see.
@@ -224,9 +184,9 @@ class SessionHost:
         May be called from another thread than the one that closes: it then stays as it was.
         """
         with self._lock:
-            status = None if self._closed else self._statuses.receive()
-            if status is not None:
-                self._processes = status.processes
+            processes = None if self._closed else self._streams.processes()
+            if processes is not None:
+                self._processes = processes
             elif self._host is not None and not self._closed and not self._host_lives():
                 self._processes = tuple(_with_liveness(one) for one in self._processes)
             return self._processes
@@ -260,9 +220,6 @@ class SessionHost:
         while not self._ending.wait(1.0 / streams.OPERATOR.rate_hz):
             if not self._silent and time.monotonic() - self._heartbeat_s < INPUT_TIMEOUT_S:
                 self.send(OperatorKind.HEARTBEAT)
-
-    def _subscribe(self, name: str, kind: type[M]) -> LatestReceiver[M]:
-        return LatestReceiver(address(self.setup.links, name), kind)
 
 
 def _with_liveness(process: ProcessStatus) -> ProcessStatus:

@@ -14,7 +14,7 @@ from app.console.widgets.status import event_lines
 from app.ipc.messages import LinkHealth, ProcessStatus
 from app.ipc.streams import LinkDirectory
 from app.link.wire import LinkFault
-from app.session.host import Latest
+from app.session.latest import Latest
 from app.system.config import Config, SessionSetup
 from hal.joints.device import load_exoskeleton
 from logs.reason import reason

@@ -16,7 +16,7 @@ from app.console.widgets.bars import StopBar
 from app.ipc.messages import OperatorKind
 from app.ipc.states import Effect, Event
 from app.link.clock import ClockEstimate, localized
-from app.session.host import Latest
+from app.session.latest import Latest
 from app.text.catalogue import render, tr
 from testing.fake_host import FakeHost
 from testing.messages import event

@@ -7,7 +7,8 @@ from msgspec.structs import replace
 
 from app.demo.client import SessionClient
 from app.ipc.messages import TriggerReport
-from app.session.host import Latest, SessionHost
+from app.session.host import SessionHost
+from app.session.latest import Latest
 from tests.app.recording.conftest import frame
 
 
