@@ -84,7 +84,7 @@ def run(
 
         require_joints(place, config.joints.host)
     with no_collections():
-        from app.console.app import run_console
+        from app.console.run import run_console
     from app.session.shared import held_session
     from app.system.hand_model import set_up_model
     from app.system.legs_lock import check_legs_free

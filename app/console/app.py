@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import os
-import sys
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from contextlib import suppress
 from multiprocessing import resource_tracker
 from typing import ClassVar
@@ -16,39 +14,29 @@ from textual.app import SystemCommand
 from textual.binding import BindingType
 from textual.command import CommandPalette
 from textual.css.query import NoMatches
-from textual.driver import Driver
-from textual.drivers.linux_driver import LinuxDriver
 from textual.screen import Screen
 from textual.timer import Timer
 from textual.widgets import Input, TextArea
 
 from app.console import keys
-from app.console.ending import Ending
 from app.console.input_time import INPUT, input_time_ns, is_late
 from app.console.keys import commands
 from app.console.live import Clock, HostFactory, preload_modules
-from app.console.operator import Idle, since_boot_s
-from app.console.pixels import PixelTerminal, asks
+from app.console.lock import LockApp
 from app.console.screens.base import ConsoleScreen, Dialog
-from app.console.screens.dialogs import Question, ask
 from app.console.screens.help import HelpPage, page
 from app.console.screens.patients import PatientsScreen
-from app.console.screens.signin import LockScreen, SignInDialog
-from app.console.session_flow import SessionFlow
 from app.console.spoken import Sound, sounds_of, switched_on
-from app.console.state import ProcessFault, SessionState, newly_ended
-from app.console.terminal import TerminalDriver, TerminalEvents, with_stop
+from app.console.state import ProcessFault, newly_ended
 from app.console.themes import THEME_NAMES, THEMES
-from app.console.widgets.picture import Picture
 from app.ipc.messages import ProcessStatus
 from app.session.host import SessionHost
 from app.system.config import Config, SessionSetup
 from app.system.operators import Permission, needs_sign_in
 from app.system.paths import Home
-from app.system.scheduling import autogroup_nice, set_scheduling
 from app.text.catalogue import language, languages, tr, use_configured, use_language
 from logs.reason import reason
-from logs.records import ProcessEnd, SignOut
+from logs.records import ProcessEnd
 from profiles.schema import Profile
 
 LATE_NOTICE_S = 5.0  # one notice at a time says that input came too late
@@ -56,8 +44,8 @@ TICK_S = 0.05  # the console's beat; control calls it silent after 0.23 s
 REST_TICK_S = 0.2  # without a session: a list of patients that nobody touches costs next to nothing
 
 
-class ConsoleApp(SessionFlow):
-    """Keys that work everywhere, themes, languages, the lock, and the tick that feeds every open screen."""
+class ConsoleApp(LockApp):
+    """Keys that work everywhere, themes, languages, and the tick that feeds every open screen."""
 
     CSS_PATH = "styles.tcss"
     TITLE = "rleex"
@@ -89,33 +77,9 @@ class ConsoleApp(SessionFlow):
         self.sounds = switched_on(config.sounds)
         self._profile = profile
         self._held = held
-        self._leave_question: Question | None = None
-        self.pixels: PixelTerminal | None = None  # None: half blocks
-        self._terminal: TerminalDriver | None = None  # None: no terminal's thread takes STOP
-        self._loop_of_console: asyncio.AbstractEventLoop | None = None
-        self._ending = Ending(self._lose_console, self._ask_to_end, self._restore_terminal)
-        self._idle = Idle(touched_s=since_boot_s(), limit_s=0.0 if read_only else config.idle_lock_s)
-        self._stop_ns = 0  # the newest STOP that counted as a touch
         self._late_notice_s = -LATE_NOTICE_S
         self._beat: Timer | None = None
         self._beat_s = 0.0
-
-    def get_driver_class(self) -> type[Driver]:
-        """The terminal's driver, with STOP taken out of the input first."""
-        base = super().get_driver_class()
-        return TerminalDriver if base is LinuxDriver else with_stop(base, lambda: self.switch)
-
-    @property
-    def terminal_events(self) -> TerminalEvents:
-        """What the terminal's driver reports to."""
-        return TerminalEvents(
-            switch=lambda: self.switch,
-            input_alive=self._input_alive,
-            lost=self._ending.begin,
-            repaint=lambda: self._call_in_loop(self.refresh),
-            attached=self._use_terminal,
-            pixels=self._found_pixels if self.config.picture == "auto" and asks(os.environ) else None,
-        )
 
     async def on_mount(self) -> None:
         self.set_keymap(self.config.keys)
@@ -143,8 +107,8 @@ class ConsoleApp(SessionFlow):
             return
         touch = isinstance(event, (events.Key, events.MouseDown))
         late = touch and not self._barred() and self._must_lock(self.live_state())
-        if touch and not self._idle.is_over(since_boot_s()):
-            self._idle = self._idle.touched(since_boot_s())
+        if touch:
+            self._touch()
         if not (late and isinstance(event, events.Key)):  # pressing the mouse acts on the STOP bar alone
             await super().on_event(event)
         if late:  # the key that wakes a computer commands nothing for the operator who was there before
@@ -194,31 +158,6 @@ class ConsoleApp(SessionFlow):
         """STOP where the terminal's thread has not already taken it."""
         self.switch.press_key()
 
-    async def action_leave(self) -> None:
-        """Leave the program; with powered hardware joints, or something not saved, only when asked twice."""
-        if self._leave_question in self.screen_stack:
-            await self._leave_if(True)
-            return
-        hardware = self.live is not None and needs_sign_in(self.live.host.setup.config)
-        carries = hardware and self.powered()
-        if not carries and self._keep_all():
-            await self._end_now()
-            return
-        title, text = ("leave.title", "leave.text") if carries else ("form.leave_title", "form.leave_text")
-        self._leave_question = Question(lambda: tr(title), lambda: tr(text))
-        self.push_screen(self._leave_question, self._leave_if)
-
-    def _keep_all(self) -> bool:
-        """Whether every screen could keep what it holds; each of them tries."""
-        kept = [screen.keep() for screen in self.screen_stack if isinstance(screen, (ConsoleScreen, Dialog))]
-        return all(kept)
-
-    def _discard_all(self) -> None:
-        """While the trail is still open."""
-        for screen in self.screen_stack:
-            if isinstance(screen, ConsoleScreen):
-                screen.discard()
-
     def action_help(self) -> None:
         """Help on the screen that is open."""
         screen = self.screen
@@ -249,67 +188,6 @@ class ConsoleApp(SessionFlow):
             if isinstance(screen, (ConsoleScreen, Dialog)):  # the palette would come out empty
                 await screen.recompose()
             screen.refresh_bindings()
-
-    def action_lock_console(self) -> None:
-        """Lock now; STOP goes on working."""
-        if self._barred():
-            return
-        if self.signed_in is not None:
-            self.trail.emit(SignOut(name=self.signed_in.name, reason="locked"))
-        self.show_lock()
-
-    def _legs_move(self, state: SessionState | None) -> bool:
-        return state is not None and state.moving and self.switch.live
-
-    def _must_lock(self, state: SessionState | None) -> bool:
-        """Whether nobody has touched this console for the time, and the legs stand."""
-        return self._idle.is_over(since_boot_s()) and not self._legs_move(state)
-
-    def _lock_idle(self) -> None:
-        self._idle = self._idle.touched(since_boot_s())
-        self.action_lock_console()
-
-    def _barred(self) -> bool:
-        """Whether a lock or a sign-in stands, on top or below help or a question."""
-        return any(isinstance(screen, (LockScreen, SignInDialog)) for screen in self.screen_stack)
-
-    async def action_sign_out(self) -> None:
-        """Sign in, or make room for the next one; a session belongs to its own to the end.
-
-        What is not saved is asked about, over the lock too: whoever signs out there needs no PIN.
-        """
-        if self.signed_in is None:
-            await self._sign_in()
-        elif self.live is not None:
-            self.notify(tr("sign_out.session", name=self.signed_in.name, **self.key_names), severity="warning")
-        elif self._keep_all():
-            await self._sign_out()
-        elif not isinstance(self.screen, Question):
-            ask(self, lambda: tr("form.leave_title"), lambda: tr("form.leave_text"), self._sign_out)
-
-    async def _sign_out(self) -> None:
-        if self.signed_in is None:
-            return
-        name = self.signed_in.name
-        self.trail.emit(SignOut(name=name, reason="signed out"))
-        self.signed_in = None
-        self._lock = None  # it goes with its operator
-        await self.show_patients()
-        self.notify(tr("sign_out.done", name=name))
-
-    async def _sign_in(self) -> None:
-        """By key, before anything asks for it: a reviewer moves nobody, and signs comments."""
-        screen = self.screen
-        if self.read_only:
-            self.notify(tr("sign_out.watching"))
-        elif isinstance(screen, ConsoleScreen) and self.live is None:
-            with screen.notify_errors():
-                if await self.anybody_can_sign_in():
-                    self.ask_who(self.show_patients)
-                else:
-                    self.notify(tr("sign_out.nobody"))
-        else:
-            self.notify(tr("sign_out.nobody"))
 
     async def calibrate(self, profile: Profile) -> None:
         """Calibrate a patient's palm; a running session has the camera."""
@@ -344,13 +222,7 @@ class ConsoleApp(SessionFlow):
                 self.bell()
             if not (live.ending or self.read_only):
                 self._record_ended(newly_ended(before, state.processes))
-        now_s, stop_ns, touch = since_boot_s(), self.switch.sent_ns, self._legs_move(state)
-        if stop_ns > self._stop_ns:  # taken out of the input before `on_event`, and a touch as every other key
-            self._stop_ns, touch = stop_ns, True
-        if touch and not self._idle.is_over(now_s):  # after the computer's sleep neither counts
-            self._idle = self._idle.touched(now_s)
-        if self._must_lock(state):
-            self._lock_idle()
+        self._update_idle(state)
         own = (screen for screen in reversed(self.screen_stack) if isinstance(screen, (ConsoleScreen, Dialog)))
         screen = next(own, None)  # below the palette it stays in sight; none is left while the program ends
         if screen is not None and screen.composed:
@@ -362,90 +234,3 @@ class ConsoleApp(SessionFlow):
         for process in processes:
             cause = reason(ProcessFault.EXITED, exit_code=process.exit_code)
             self.trail.emit(ProcessEnd(pid=process.pid, ended=process.name, reason=cause))
-
-    async def _leave_if(self, yes: bool | None) -> None:
-        if yes:
-            self._keep_all()  # what can be kept is, though nobody asks about the rest again
-            await self._end_now()
-
-    def _use_terminal(self, terminal: TerminalDriver) -> None:
-        self._terminal = terminal
-
-    def _found_pixels(self, pixels: PixelTerminal) -> None:
-        """From the input's thread, before the first paint or long after it."""
-        self.pixels = pixels
-        self._call_in_loop(self._fit_pictures)
-
-    def _fit_pictures(self) -> None:
-        for picture in self.screen.query(Picture):
-            picture.on_resize()
-
-    def _call_in_loop(self, call: Callable[[], object]) -> None:
-        """From any thread; nothing before there is a loop, or once it is closed."""
-        if self._loop_of_console is not None:
-            with suppress(RuntimeError):
-                self._loop_of_console.call_soon_threadsafe(call)
-
-    def _input_alive(self) -> None:
-        if (live := self.live) is not None:
-            live.input_alive()
-
-    def _lose_console(self) -> None:
-        if (live := self.live) is not None:
-            live.console_lost()
-
-    def _ask_to_end(self) -> None:
-        self._call_in_loop(lambda: asyncio.create_task(self._leave_now()))
-
-    def _restore_terminal(self) -> None:
-        if self._terminal is not None:
-            self._terminal.restore()
-
-    async def _leave_now(self) -> None:
-        self._keep_all()  # what can be kept is; nobody is there to be asked about the rest
-        self._discard_all()
-        await asyncio.to_thread(self.leave_live)
-        self.exit()
-
-    async def _end_now(self) -> None:
-        self._discard_all()
-        await asyncio.to_thread(self.close_live)
-        self.exit()
-
-
-def run_console(home: Home, config: Config, *, straight: bool = False, read_only: bool = False) -> None:
-    """Run the console until its operator leaves.
-
-    straight: begin with the configured patient's session; so does a console that only simulates, because then
-    nothing can happen to anybody. A session of this home whose console is gone is taken over instead.
-    Raises AppError or ProfileError for what configuration or profile gets wrong.
-    """
-    from app.console.observer import observe
-    from app.session.shared import held_session
-    from profiles.store import ProfileStore
-
-    if read_only:
-        observe(home, config)
-        return
-    held = held_session(home)  # with what was chosen for it; the next session is begun with what is configured
-    simulated = not needs_sign_in(config)
-    profile = ProfileStore(home.profiles).load(config.patient) if (straight or simulated) and not held else None
-    app = ConsoleApp(home, config, profile=profile, held=held)
-    set_scheduling("console")
-    left = False
-    try:
-        with autogroup_nice("console"):
-            app.run()
-        left = not app.return_code
-    finally:
-        if left:
-            app.close_live()
-            if app.left_held and held is not None:
-                sys.stderr.write(f"{tr('console.left_held', limit_s=held.config.unattended_s)}\n")
-        elif app.live is not None:  # a defect of the console ends no session: another console takes it over
-            limit_s = app.live.host.setup.config.unattended_s
-            app.leave_live()
-            sys.stderr.write(f"{tr('console.left', limit_s=limit_s)}\n")
-        app.trail.keep(home)
-    if app.return_code:
-        raise SystemExit(app.return_code)

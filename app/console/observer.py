@@ -15,7 +15,7 @@ from app.ipc.messages import HandCommand, OperatorKind, PerceptionCommand, Proce
 from app.ipc.states import Action
 from app.session.latest import Latest, LatestStreams
 from app.session.shared import Peer, shared
-from app.system.config import Config, SessionSetup
+from app.system.config import SessionSetup
 from app.system.paths import Home
 from app.system.scheduling import set_scheduling
 from app.text.catalogue import language, tr
@@ -83,24 +83,6 @@ class ObserverHost:
         if self.ended:
             self._processes = tuple(msgspec.structs.replace(one, alive=False) for one in self._processes)
         return self._streams.receive(self._processes)
-
-
-def observe(home: Home, config: Config) -> None:
-    """Show the running session of this home. Raises AppError when there is none."""
-    from app.console.app import ConsoleApp
-
-    set_scheduling("observer")
-    setup = shared(home)
-
-    def make_host(made: SessionSetup) -> ObserverHost:
-        made.links.path.rmdir()  # an observer has no links of its own
-        return ObserverHost(setup)
-
-    app = ConsoleApp(home, config, profile=setup.profile, make_host=make_host, read_only=True)
-    try:
-        app.run()
-    finally:
-        app.close_live()
 
 
 def speak_session(home: Home, write: Callable[[str], object]) -> None:

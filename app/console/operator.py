@@ -1,11 +1,9 @@
-"""The signed-in operator: permissions, idle lock, and the console's records in the audit trail."""
+"""The signed-in operator: permissions, the lock, and the console's records in the audit trail."""
 
 from __future__ import annotations
 
 import asyncio
-import time
 from collections.abc import Awaitable, Callable
-from dataclasses import dataclass, replace
 from functools import cached_property
 
 from textual.app import App
@@ -13,7 +11,7 @@ from textual.binding import Binding
 
 from app.audit.sink import AuditSink, entry_now
 from app.console import keys
-from app.console.screens.signin import SignInDialog
+from app.console.screens.signin import LockScreen, SignInDialog
 from app.system.authority import Authority, unsigned
 from app.system.config import Config, SessionSetup
 from app.system.errors import AppError
@@ -35,6 +33,7 @@ class SignedInApp(App[None]):
         self.read_only = read_only
         self.signed_in: Authority | None = None
         self.trail = ConsoleTrail(lambda: self.operator)
+        self._lock: LockScreen | SignInDialog | None = None  # the newest; it may have been opened since
 
     @property
     def operator(self) -> str:
@@ -87,32 +86,21 @@ class SignedInApp(App[None]):
 
         self.push_screen(SignInDialog(), signed_in)
 
+    @property
+    def locked(self) -> bool:
+        """Whether the lock stands, on top or below something else."""
+        return self._lock in self.screen_stack
+
+    def show_lock(self) -> None:
+        """Over whatever is open; who is signed in opens it by PIN."""
+        self._lock = LockScreen() if self.signed_in is None else SignInDialog(unlock=self.signed_in.name)
+        self.push_screen(self._lock)
+
     async def anybody_can_sign_in(self) -> bool:
         """Whether this home has operators, or needs its first one. Raises AppError where they can't be read."""
         if needs_sign_in(self.config):
             return True
         return bool((await asyncio.to_thread(load_store, self.home.keys)).operators)
-
-
-def since_boot_s() -> float:
-    """The clock of `Idle`, in s; where there is one (Linux) it goes on while the computer sleeps, with nobody there."""
-    return time.clock_gettime(getattr(time, "CLOCK_BOOTTIME", time.CLOCK_MONOTONIC))
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Idle:
-    """The last touch, by `since_boot_s`; `limit_s` 0: never lock."""
-
-    touched_s: float
-    limit_s: float
-
-    def touched(self, now_s: float) -> Idle:
-        """After a key, a click or motion."""
-        return replace(self, touched_s=now_s)
-
-    def is_over(self, now_s: float) -> bool:
-        """Whether the time is over."""
-        return self.limit_s > 0 and now_s - self.touched_s >= self.limit_s
 
 
 _MOST_WAITING = 1000  # sign-ins before a session; a person types no more

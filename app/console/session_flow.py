@@ -9,34 +9,27 @@ from typing import Any, TypeVar
 import msgspec
 from textual.screen import Screen
 
-from app.console.live import Clock, GuidedTests, Host, HostFactory, LiveSession, gc_freeze, preload_modules
-from app.console.operator import SignedInApp
+from app.console.live import Clock, HostFactory, LiveSession, gc_freeze, preload_modules
 from app.console.patient_fields import fits
 from app.console.screens.after import AfterScreen
 from app.console.screens.base import USER_ERRORS, Dialog
 from app.console.screens.dialogs import ask
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.session import SessionScreen
-from app.console.screens.signin import LockScreen, SignInDialog
+from app.console.screens.signin import SignInDialog
 from app.console.screens.training import TrainingScreen
 from app.console.screens.vocabulary import VocabularyScreen
+from app.console.session_app import SessionApp
 from app.console.session_index import Records, SessionRecord, TrainingRecord
-from app.console.state import SessionState
-from app.console.stop import StopSwitch
-from app.ipc.messages import OperatorKind, PerceptionCommand
-from app.ipc.states import Action
+from app.ipc.messages import OperatorKind
 from app.link.questions import require_joints
 from app.outcomes.guided import GuidedStop
-from app.session.host import END_S, START_S
 from app.session.setup import make_setup
 from app.system.authority import Authority
 from app.system.config import Config, Purpose, SessionSetup
-from app.system.errors import AppError, ConsoleFault
 from app.system.operators import Permission, needs_sign_in
 from app.system.paths import Home
 from app.text.catalogue import render, tr
-from app.text.recorded import result_text
-from logs.records import GuidedTestResult
 from profiles.schema import DEMO_PATIENT, Profile
 from profiles.store import ProfileStore
 
@@ -46,36 +39,17 @@ _OF_THE_HAND = ("hand", "distance_source", "palm", "calibrations", "press_thresh
 CONTROL_ENDS_S = 8.0  # hold, damp, disable; the host kills what takes longer
 
 
-class SessionFlow(SignedInApp):
-    """The one session, if any, and the way into and out of it."""
+class SessionFlow(SessionApp):
+    """The way into the one session, and out of it."""
 
     def __init__(self, home: Home, config: Config, make_host: HostFactory, clock: Clock, *, read_only: bool) -> None:
-        super().__init__(home, config, read_only=read_only)
-        self.switch = StopSwitch()
-        self.live: LiveSession | None = None
-        self.left_held = False  # this console ended without having taken the session over
+        super().__init__(home, config, make_host, clock, read_only=read_only)
         self.store = ProfileStore(home.profiles, (fits(config.joints),))
         self.sessions = Records(home.root / "sessions", SessionRecord)
         self.trainings = Records(home.root / "trainings", TrainingRecord)
-        self._make_host = make_host
-        self._clock = clock
         self.large_letters = False
-        self.guided = GuidedTests(self.trail.emit)
         self.kept: dict[str, Dialog[Any]] = {}
-        self._lock: Dialog[Any] | None = None  # the newest; it may have been opened since
         self._beginning = asyncio.Lock()  # who waits for it finds the session that was begun meanwhile
-        self.input_ns: int | None = None  # when the input that is handled was given (monotonic); None: nobody dated it
-        self._ending_held = False  # a training or an enrolment that was left held
-
-    @property
-    def locked(self) -> bool:
-        """Whether the lock stands, on top or below something else."""
-        return self._lock in self.screen_stack
-
-    def show_lock(self) -> None:
-        """Over whatever is open; who is signed in opens it by PIN."""
-        self._lock = LockScreen() if self.signed_in is None else SignInDialog(unlock=self.signed_in.name)
-        self.push_screen(self._lock)
 
     def push_kept(
         self, name: str, make: Callable[[], Dialog[T]], then: Callable[[T | None], None] | None = None
@@ -144,34 +118,6 @@ class SessionFlow(SignedInApp):
         live.assign(operator)
         await self._show(live, SessionScreen())
 
-    async def _end_held(self, host: Host) -> None:
-        """Its commands count from the takeover on; nothing begins before its processes have left camera and legs."""
-
-        def end() -> None:
-            try:
-                host.start()
-            finally:
-                host.close()
-
-        fault = ""
-        try:
-            await asyncio.to_thread(end)
-        except USER_ERRORS as error:
-            fault = render(error)
-        self._ending_held = False
-        self.clear_notifications()  # that it is being ended
-        if fault:
-            self.notify(fault, severity="error", timeout=15, markup=False)
-
-    def _notify_ending(self) -> None:
-        self.notify(tr("take_over.ending"), timeout=START_S + END_S)
-
-    def refuse_while_ending(self) -> bool:
-        """Say so while the processes of what was left held may have camera and legs."""
-        if self._ending_held:
-            self._notify_ending()
-        return self._ending_held
-
     async def end_session_asking(self) -> None:
         """End the session; while drives are powered, only after a yes. An observer just leaves."""
         if self.read_only:
@@ -201,26 +147,6 @@ class SessionFlow(SignedInApp):
         await asyncio.to_thread(self.close_live)
         await self.show_patients()
 
-    def close_live(self) -> None:
-        """End the session's processes, if there are any; may take seconds."""
-        live, self.live = self.live, None
-        if live is not None:
-            self.left_held = not live.host.commands
-            self._close_trail()
-            live.close()
-
-    def leave_live(self) -> None:
-        """Leave the session, held: the console ends and its session stays, for another console."""
-        live, self.live = self.live, None
-        if live is not None:
-            self._close_trail()
-            live.leave()
-
-    def _close_trail(self) -> None:
-        """With the result of a guided test that runs."""
-        self.guided.stop(GuidedStop.SESSION_ENDED)
-        self.trail.close()
-
     async def show_patients(self) -> None:
         """The list, with nothing above it but the lock, where that stood."""
         locked, opened = self.locked, None
@@ -232,45 +158,6 @@ class SessionFlow(SignedInApp):
             self.show_lock()
         if opened is not None:
             await opened
-
-    def live_state(self) -> SessionState | None:
-        """The session's newest state; None without a session."""
-        return None if self.live is None else self.live.state
-
-    def live_session(self) -> LiveSession:
-        """The session. Raises AppError without one."""
-        if self.live is None:
-            raise AppError(ConsoleFault.NO_SESSION)
-        return self.live
-
-    def command(self, kind: OperatorKind, action: Action | None = None) -> None:
-        """Send an order of the operator's, as of the moment of its key; to none once the session has ended."""
-        if self.live is not None:
-            self.live.host.send(kind, action, input_ns=self.input_ns)
-
-    def tell_perception(self, command: PerceptionCommand) -> None:
-        """To the session's camera; to none once the session has ended: what its screens asked for may come later."""
-        if self.live is not None:
-            self.live.host.send_to_perception(command)
-
-    def live_setup(self) -> SessionSetup:
-        """What the session was started with. Raises AppError without one."""
-        return self.live_session().host.setup
-
-    @property
-    def has_digital_hand(self) -> bool:
-        """Whether keys move a hand."""
-        return self.live is not None and self.live.host.setup.config.camera.kind == "digital-hand"
-
-    def tell_result(self, result: GuidedTestResult | None) -> None:
-        """Of a guided test that has just ended, if one has."""
-        if result is not None:
-            self.notify(result_text(result), timeout=20, markup=False)
-
-    def powered(self) -> bool:
-        """Whether the drives carry the patient; once control has ended its last snapshot says nothing of them."""
-        state = self.live_state() if self.switch.live else None
-        return state is not None and state.snapshot is not None and state.snapshot.enabled
 
     def _drop_screen(self) -> None:
         """The top one; not awaited.
@@ -304,12 +191,6 @@ class SessionFlow(SignedInApp):
                 return
             live = self._live_of(setup)
         await self._show(live, screen)
-
-    def _live_of(self, setup: SessionSetup) -> LiveSession:
-        """A session, new or running, that STOP reaches."""
-        self.guided.clear()
-        live = self.live = LiveSession(self._make_host(setup), None if self.read_only else self.switch, self._clock)
-        return live
 
     async def _show(self, live: LiveSession, screen: Screen[None]) -> None:
         """Show a session, then start it or take it over: it stops all threads a moment, after the first paint.

@@ -9,7 +9,7 @@ import pytest
 from textual import events
 from textual.command import CommandPalette
 
-from app.console.operator import Idle, since_boot_s
+from app.console.lock import Idle, since_boot_s
 from app.console.screens.after import AfterScreen
 from app.console.screens.dialogs import Question
 from app.console.screens.patients import PatientsScreen

@@ -13,8 +13,7 @@ import pytest
 from textual import events
 from textual.widgets import Button, Input
 
-import app.console.app as application
-from app.console import session_flow
+from app.console import session_flow, terminal_app
 from app.console.app import ConsoleApp
 from app.console.input_time import LATE_NS, input_time_ns, is_late, stamp
 from app.console.screens.after import AfterScreen
@@ -103,7 +102,7 @@ async def test_what_was_pressed_while_the_console_stood_still_does_nothing(
     async with console() as open_console:
         app, host = open_console.app, open_console.host
         await stands(open_console)
-        monkeypatch.setattr(application, "needs_sign_in", lambda _: True)  # as with drives that can move somebody
+        monkeypatch.setattr(terminal_app, "needs_sign_in", lambda _: True)  # as with drives that can move somebody
         await open_console.press(*first)
         screen, sent, hands = app.screen, list(host.sent), list(host.hands)
         press(app, *late, ago_s=LATE_S)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from app.console.operator import Idle, since_boot_s
+from app.console.lock import Idle, since_boot_s
 from app.console.screens.after import AfterScreen
 from app.console.screens.checks import Preflight
 from app.console.screens.patients import PatientsScreen

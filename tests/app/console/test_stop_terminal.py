@@ -61,7 +61,7 @@ def run():
         app.run()
 """
 REAL = """
-from app.console.app import run_console
+from app.console.run import run_console
 
 def run():
     camera, core = CameraConfig(rate_hz=15.0), control_core_of_worker()
@@ -92,7 +92,7 @@ def busy(self):
 ConsoleApp._tick = busy
 """
 FAILING = """
-from app.console.app import run_console
+from app.console.run import run_console
 
 class Left(FakeHost):
     def leave(self):

@@ -9,7 +9,8 @@ from dataclasses import replace
 import msgspec
 import pytest
 
-from app.console.app import ConsoleApp, run_console
+from app.console.app import ConsoleApp
+from app.console.run import run_console
 from app.console.screens.patients import PatientsScreen
 from app.console.screens.session import SessionScreen
 from app.console.screens.signin import SignInDialog
@@ -180,8 +181,8 @@ def test_who_leaves_before_the_takeover_is_done_reads_that_the_session_stays(
 ) -> None:
     running = msgspec.structs.replace(held, host_pid=os.getpid())
     first = take_lease(running.links)
-    monkeypatch.setattr("app.session.shared.held_session", lambda _: running)
-    monkeypatch.setattr("app.console.app.set_scheduling", lambda _: True)
+    monkeypatch.setattr("app.console.run.held_session", lambda _: running)
+    monkeypatch.setattr("app.console.run.set_scheduling", lambda _: True)
     shown: list[Config] = []
 
     def leave(app: ConsoleApp) -> None:  # Ctrl-Q before anything else
