@@ -22,7 +22,6 @@ from app.console.screens.vocabulary import VocabularyScreen
 from app.console.session_app import SessionApp
 from app.console.session_index import Records, SessionRecord, TrainingRecord
 from app.ipc.messages import OperatorKind
-from app.link.questions import require_joints
 from app.outcomes.guided import GuidedStop
 from app.session.setup import make_setup
 from app.system.authority import Authority
@@ -183,6 +182,8 @@ class SessionFlow(SessionApp):
                 return
             try:
                 if config.joints.host and not self.read_only:
+                    from app.link.questions import require_joints  # brings cryptography
+
                     await asyncio.to_thread(require_joints, self.home, config.joints.host)
                 await asyncio.to_thread(self.trail.keep, self.home)  # of before this session
                 setup = make_setup(self.home, config, profile, self.signed_in, moves, purpose=purpose)

@@ -325,7 +325,7 @@ async def test_a_console_that_is_locked_while_a_session_is_prepared_stays_locked
         asked.set()
         assert answered.wait(20)
 
-    monkeypatch.setattr("app.console.session_flow.require_joints", slow)
+    monkeypatch.setattr("app.link.questions.require_joints", slow)
     async with console(profile=None, config=Config(joints=JointsConfig(host="exo.local"))) as open_console:
         app = open_console.app
         app.signed_in = signed_in(home)

@@ -74,6 +74,12 @@ def test_numpy_comes_after_the_first_paint_and_before_the_first_picture() -> Non
     subprocess.run([sys.executable, "-c", code], check=True)
 
 
+def test_what_signs_comes_with_the_first_signature() -> None:
+    """Ten megabytes that a console without a sign-in never needs."""
+    code = "import sys, app.console.run; assert not {'cryptography', 'argon2'} & sys.modules.keys()"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 async def test_nothing_is_loaded_for_the_figure_before_there_is_a_snapshot(
     console: Opener, monkeypatch: pytest.MonkeyPatch
 ) -> None:
