@@ -298,6 +298,14 @@ def test_input_that_waited_at_a_turn_is_dated_by_the_one_before(loop: InputLoop,
     assert loop.input_ns >= between_ns
 
 
+def arrived(loop: InputLoop, count: int) -> None:
+    """Wait until so many bytes have come through the terminal: the kernel hands them on by and by."""
+    limit_s = time.monotonic() + 20.0
+    while loop._waiting() < count:
+        assert time.monotonic() < limit_s
+        time.sleep(0.001)
+
+
 def test_all_that_waited_is_old_where_it_fills_more_than_one_turn() -> None:
     """The mouse over a console that stands still: the key behind its reports was pressed long before it is read."""
     terminal, other = pty.openpty()
@@ -308,10 +316,12 @@ def test_all_that_waited_is_old_where_it_fills_more_than_one_turn() -> None:
         assert not loop.is_set()
         looked_ns = loop.input_ns
         written = os.write(terminal, b"x" * 4095)
+        arrived(loop, written)
         assert not loop.is_set()
         assert loop.input_ns == looked_ns
         os.read(other, 4096)
         os.write(terminal, b"a")
+        arrived(loop, 1)
         assert not loop.is_set()
         assert (written, loop.input_ns) == (4095, looked_ns)
         os.read(other, 4096)
