@@ -14,6 +14,7 @@ from logs.reason import Reason, Value, key_of
 
 Quad = tuple[float, float, float, float]  # in the order of hal.joints.protocol.Joint
 
+
 class JointSnapshot(Struct, frozen=True, kw_only=True):
     """One joint as the screen shows it."""
 
