@@ -44,7 +44,10 @@ GUARDIAN_WAIT_S = 0.1  # it answers a heartbeat after a silence in its next chec
 def run_control(setup: SessionSetup) -> None:
     """Run until the session ends: asked to, orphaned, or left alone. Raises AppError without the lock."""
     legs = share_legs(setup)
-    control = Control(setup, acquire_real_time())
+    real_time = acquire_real_time()
+    if not real_time.fifo:
+        pin_to_control_core(setup.config.control_core)  # before the links' threads are there
+    control = Control(setup, real_time)
     for number in (signal.SIGTERM, signal.SIGHUP, signal.SIGINT):
         signal.signal(number, lambda *_: control.end())
     try:

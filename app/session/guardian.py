@@ -29,7 +29,7 @@ from app.session.heartbeat_check import (
 from app.system.config import SessionSetup, load_device
 from app.system.diagnostics_log import get_logger
 from app.system.legs_lock import share_legs
-from app.system.scheduling import avoid_control_core, gc_freeze, set_scheduling
+from app.system.scheduling import gc_freeze, place_guardian, set_scheduling
 from hal.errors import HardwareError
 from hal.joints.protocol import Joint
 from logs.reason import reason, reason_of
@@ -79,8 +79,8 @@ class Guardian:
     """The process around `check_heartbeat`: its links and its own bus."""
 
     def __init__(self, setup: SessionSetup) -> None:
-        set_scheduling("guardian")  # first: the threads of the links inherit both
-        avoid_control_core(setup.config.control_core)  # it goes before control, and would make one tick of fifty late
+        real_time = set_scheduling("guardian")  # first: the threads of the links inherit both
+        place_guardian(setup.config.control_core, real_time=real_time)
         self._setup = setup
         self._sink = AuditSink(setup.links, "guardian", setup.operator)
         self._heartbeats = LatestReceiver(address(setup.links, streams.HEARTBEAT.name), Heartbeat)

@@ -154,7 +154,8 @@ def request_low_wake_latency(wake_latency: Path = WAKE_LATENCY) -> bool:
 def pin_to_control_core(wanted: int | None = None) -> int | None:
     """The core that this thread has from now on, None where it shares all. wanted: as `control_core` takes it.
 
-    Call after threads are started: a link's thread on the same core would send the heartbeat only between two ticks.
+    With real time call it after threads are started: a link's thread on the same core would send the heartbeat only
+    between two ticks. Without it before: on another core that thread would wait behind perception.
     """
     core = control_core(wanted)
     if core is None:
@@ -167,12 +168,23 @@ def pin_to_control_core(wanted: int | None = None) -> int | None:
 
 
 def avoid_control_core(wanted: int | None = None) -> None:
-    """For perception, whose running detection every tick would delay, and the guardian, which would delay ticks."""
+    """For perception, whose running detection every tick would delay."""
     core = control_core(wanted)
     others = os.sched_getaffinity(0) - {core}
     if core is not None and others:
         with suppress(OSError):
             os.sched_setaffinity(0, others)
+
+
+def place_guardian(wanted: int | None = None, *, real_time: bool) -> None:
+    """Off control's core where the guardian goes before control, and would make one tick of fifty late.
+
+    Without real time nothing goes before busy programs, and control's core is the one that perception leaves alone.
+    """
+    if real_time:
+        avoid_control_core(wanted)
+    else:
+        pin_to_control_core(wanted)
 
 
 def control_core(wanted: int | None = None) -> int | None:

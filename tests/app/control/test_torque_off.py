@@ -164,8 +164,8 @@ def test_the_guardian_says_that_it_switches_off_as_soon_as_it_does(
     )
     for name in ("AuditSink", "LatestReceiver", "Publisher"):
         monkeypatch.setattr(f"app.session.guardian.{name}", lambda *_: link)
-    for name in ("set_scheduling", "avoid_control_core"):
-        monkeypatch.setattr(f"app.session.guardian.{name}", lambda *_: None)
+    for name in ("set_scheduling", "place_guardian"):
+        monkeypatch.setattr(f"app.session.guardian.{name}", lambda *_, **__: None)
     setup = SessionSetup(
         session="s",
         home=tmp_path,

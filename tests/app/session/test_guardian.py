@@ -127,7 +127,7 @@ def watch() -> Watch:
 def make_guardian(watch: Watch, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Exoskeleton], Guardian]:
     """Makes the guardian of such a device."""
 
-    def nothing(*_: Any) -> None:
+    def nothing(*_: Any, **__: Any) -> None:
         pass
 
     link = SimpleNamespace(
@@ -135,7 +135,7 @@ def make_guardian(watch: Watch, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     )
     for name in ("AuditSink", "LatestReceiver", "Publisher"):
         monkeypatch.setattr(f"app.session.guardian.{name}", lambda *_: link)
-    for name in ("set_scheduling", "avoid_control_core"):
+    for name in ("set_scheduling", "place_guardian"):
         monkeypatch.setattr(f"app.session.guardian.{name}", nothing)
     monkeypatch.setattr("hal.joints.can.safe_stop.open_bus", watch.open_bus)
     config = Config(joints=JointsConfig(kind="can"))

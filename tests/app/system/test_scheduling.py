@@ -40,6 +40,13 @@ def test_perception_leaves_control_its_core_unless_there_is_only_one(cores: int)
     assert control.isdisjoint(perception) or len(allowed) == 1
 
 
+def test_the_guardian_shares_controls_core_only_where_it_does_not_go_before_control() -> None:
+    control = cores_after("scheduling.pin_to_control_core()")
+    assert cores_after("scheduling.place_guardian(real_time=False)") == control
+    beside = cores_after("scheduling.place_guardian(real_time=True)")
+    assert beside == cores_after("scheduling.avoid_control_core()")
+
+
 def test_the_core_is_one_of_those_allowed() -> None:
     core = control_core()
     assert core is None or core in os.sched_getaffinity(0)
