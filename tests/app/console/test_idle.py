@@ -135,7 +135,7 @@ async def test_the_key_that_wakes_a_computer_commands_nothing(
         await open_console.until(lambda: host.confirmed)
         if before:
             await open_console.press("space")
-            await open_console.until(lambda: OperatorKind.STOP in host.kinds())
+            await open_console.until(lambda: (state := app.live_state()) and state.effect is Effect.HOLD)
             await open_console.press(*before)
             await open_console.until(lambda: isinstance(app.screen, Question))
         passes(NIGHT_S)
