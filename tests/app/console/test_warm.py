@@ -75,7 +75,7 @@ def test_numpy_comes_after_the_first_paint_and_before_the_first_picture() -> Non
 
 
 def test_what_signs_comes_with_the_first_signature() -> None:
-    """Ten megabytes that a console without a sign-in never needs."""
+    """A console without a sign-in needs neither (docs/decisions.md)."""
     code = "import sys, app.console.run; assert not {'cryptography', 'argon2'} & sys.modules.keys()"
     subprocess.run([sys.executable, "-c", code], check=True)
 

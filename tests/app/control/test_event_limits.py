@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from typing import Any
 
+import numpy as np
 import pytest
 from msgspec.structs import replace
 
@@ -13,7 +15,10 @@ from app.control.events.row import Above
 from app.control.events.table import TABLE, advance, effect_of
 from app.ipc.states import Effect, Event
 from app.text.catalogue import render
+from hal.errors import DrivesFault, HardwareError
 from logs.reason import reason, reason_of
+from tests.app.control.ideal_joints import IdealJoints
+from tests.app.control.rig import SETTINGS
 
 CALM = Diagnostics(now_ns=1_000, powered=True)
 E = Event
@@ -146,3 +151,22 @@ def test_what_has_passed_is_read_for_a_second_and_does_nothing_any_more(
     after = advance(advance((), faulty), gone)
     assert [one.event for one in after] == [E.AUDIT_WRITE_FAILED] * shown
     assert effect_of(after) is Effect.NOTE
+
+
+@pytest.mark.parametrize("event", [E.OVER_TEMPERATURE_WARNING, E.OVER_TEMPERATURE, E.OUT_OF_RANGE])
+def test_before_the_joints_have_answered_nothing_is_compared(event: Event) -> None:
+    (row,) = (row for row in TABLE if row.event is event)
+    assert row.compared(CALM) is None
+
+
+def test_drives_that_report_no_temperature_are_compared_with_no_limit() -> None:
+    (row,) = (row for row in TABLE if row.event is E.OVER_TEMPERATURE)
+    feedback = dataclasses.replace(IdealJoints().feedback(0), temperature_c=np.full(4, math.nan))
+    assert row.compared(replace(CALM, joints=replace(CALM.joints, feedback=feedback, settings=SETTINGS))) is None
+
+
+def test_lost_power_is_raised_with_what_the_driver_reports() -> None:
+    fault = HardwareError(DrivesFault.STAYS_DISABLED)
+    lost = replace(CALM, joints=replace(CALM.joints, drives_lost=True, drive_detail=fault))
+    (raised,) = (one for one in advance((), lost) if one.event is E.DRIVES_POWER_LOST)
+    assert raised.detail == {"detail": reason_of(fault)}

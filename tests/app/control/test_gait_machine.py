@@ -177,3 +177,9 @@ def test_an_answer_depends_on_nothing_but_the_question() -> None:
     first = gait_machine.ask(Gait(state=S.STANDING), Action.WALK)
     gait_machine.ask(Gait(state=S.SITTING), Action.STAND_UP)
     assert gait_machine.ask(Gait(state=S.STANDING), Action.WALK) == first
+
+
+@pytest.mark.parametrize("action", [None, Action.SIT_DOWN])
+def test_a_request_that_no_row_grants_is_no_change(action: Action | None) -> None:
+    with pytest.raises(ValueError, match="no row grants"):
+        changed(Gait(state=S.SITTING), Change.REQUESTED, action)
