@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import msgspec
 import pytest
 from rich.console import Console
 
@@ -34,6 +35,17 @@ def test_the_legs_survive_what_control_pauses_for(action: Action) -> None:
         assert one.speed_share < SPEED_MARGIN - 0.1
         assert one.torque_share < 0.7
     assert without.error_rad < short.error_rad < longest.error_rad
+
+
+@pytest.mark.parametrize("step_time_s", [0.8, 1.2])
+@pytest.mark.parametrize("stature_m", [1.6, 1.85])
+def test_fast_patients_survive_a_pause_over_an_obstacle_too(step_time_s: float, stature_m: float) -> None:
+    gait = msgspec.structs.replace(DEMO_PATIENT.gait, step_time_s=step_time_s)
+    patient = patient_of(msgspec.structs.replace(DEMO_PATIENT, stature_m=stature_m, gait=gait), DEVICE)
+    lengths = (40.0, 46.0, CONTROL_STALLED_MS)
+    for one in dropouts(patient, DEVICE, Action.OBSTACLE, lengths, pause_from_ms=CONTROL_LATE_MS):
+        assert one.guard_refusal is None
+        assert one.speed_share < SPEED_MARGIN
 
 
 def test_beyond_its_limit_control_holds_at_every_phase_and_the_legs_come_to_rest_softly() -> None:
