@@ -66,6 +66,7 @@ class Drives:
         self.written: JointCommand | None = None  # what left last
         self.written_ns = 0
         self.refusal: Refusal | None = None  # of the last command
+        self.withheld = False  # the last command was not written
 
     def open(self, now_ns: int) -> None:
         """Probe the drives; one that does not answer leaves `error`, and joints that say so."""
@@ -81,7 +82,7 @@ class Drives:
     def read(self, now_ns: int) -> JointFeedback:
         """What the joints report."""
         feedback = self._joints.read(now_ns)
-        self.powered = carries_power(feedback.state, self.powered)
+        self.powered = carries_power(feedback.state)
         return feedback
 
     def write(
@@ -94,11 +95,16 @@ class Drives:
         previous = self.written if self.powered else None
         if unheld and previous is not None:
             previous = follower.without_stiffness(previous, unheld)
+        self.withheld = False
         self.refusal = self._guard.check(command, previous, feedback.position_rad)
         if self.refusal is not None:
             command = replace(previous or follower.NEUTRAL, velocity_rad_s=np.zeros(4))
         self._joints.write(command, now_ns)
         self.written, self.written_ns = command, time.monotonic_ns()
+
+    def withhold(self) -> None:
+        """Leave this tick's command out: what was written before stays in force."""
+        self.withheld, self.refusal = True, None
 
     def stage_scene(self, action: Action) -> None:
         """Put the scene of the coming action around simulated feet."""
@@ -141,7 +147,6 @@ class Drives:
         beat: called in every tick while the joints are damped; awaiting: before their answers are waited for. Without
         a heartbeat the guardian would act.
         """
-        now_ns = time.monotonic_ns()
         try:
             if self.powered and self.written is not None:
                 self._damp(self.written, beat)
@@ -151,7 +156,6 @@ class Drives:
             return reason_of(error)
         finally:
             self.powered = False
-            self.written_ns = now_ns
         return None
 
     def _enable(self, now_ns: int) -> None:

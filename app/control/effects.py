@@ -50,7 +50,7 @@ def _damp(tick: Tick) -> None:
     if state.motion.mode is not Mode.DISABLED:
         tick.unheld = _unheld(state)
         tick.update(motion=follower.ramp_to_damping(state.motion, tick.unheld))
-    elif state.streams.powered:
+    elif state.streams.powered and tick.drives is not DriveOrder.DISABLE:  # else torque off is under way
         tick.update(motion=follower.start_damped(tick.settings.gains))
 
 
@@ -108,3 +108,5 @@ def disable_drives(tick: Tick) -> None:
     if state.ending_ns and tick.state.motion.mode is Mode.DISABLED:
         tick.drives = DriveOrder.DISABLE
         tick.finished = True
+        tick.audit.extend(tick.state.stop_records)  # no command will be written for them any more
+        tick.update(stop_records=())

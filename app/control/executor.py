@@ -9,7 +9,7 @@ from app.control.events.table import RaisedEvent, blocker
 from app.control.gait import machine as gait_machine
 from app.control.gait.machine import Change, Gait
 from app.control.inputs import ActionRequest, DriveOrder
-from app.control.requests import refuse
+from app.control.requests import ACT_STALE_MS, refuse
 from app.control.running_action import RunningAction, Stage, end_record, ended, plan_record, plan_request
 from app.control.state import ControlState, Tick
 from app.ipc.states import Action, Effect, GaitState, Outcome, RequestRefusal
@@ -20,7 +20,6 @@ from app.motion.plan import Phase, Plan
 from hal.joints.protocol import TICK_HZ
 from logs.reason import Reason, reason
 
-START_LIMIT_MS = 500  # as old as a key may be
 ENABLE_LIMIT_MS = 3_000  # four drives, one after the other, with their confirmations
 # A hold covers half of its time on the path at full pace; with fewer rows left the step could not be stopped on it.
 LAST_CALL_ROWS = HOLD_S * TICK_HZ / 2 + 5
@@ -120,7 +119,7 @@ def _wait(tick: Tick, running: RunningAction) -> None:
         return
     waited_ns = tick.now_ns - running.report.accepted_ns
     event = blocker(tick.state.events, running.report.source)
-    if running.stage is Stage.PLANNING and waited_ns > START_LIMIT_MS * NS_PER_MS and event is not None:
+    if running.stage is Stage.PLANNING and waited_ns > ACT_STALE_MS * NS_PER_MS and event is not None:
         _refuse(tick, running, event.reason, event)
 
 

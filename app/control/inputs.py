@@ -59,6 +59,7 @@ class Inputs(Struct, frozen=True, kw_only=True):
     written: JointCommand | None = None  # the command that passed the guard, in the tick before
     written_ns: int = 0  # when
     guard_refusal: Refusal | None = None  # of the command of the tick before
+    withheld: bool = False  # the command of the tick before was not written: control was frozen in it
     audit_full: bool = False  # a record of the tick before found the queue full
     rejected_messages: int = 0  # since the tick before
     foreign_peers: int = 0  # turned away since the tick before: they don't have the session's key
@@ -181,7 +182,7 @@ def update_streams(streams: StreamState, inputs: Inputs, lease: int) -> StreamSt
         clock_step_ns=offset_ns - streams.clock_offset_ns,
         slept_ns=slept_ns,
         woken_ns=now_ns if slept_ns > HOST_SUSPENDED_S * 1e9 else streams.woken_ns,
-        powered=carries_power(inputs.feedback.state, streams.powered),
+        powered=carries_power(inputs.feedback.state),
     )
 
 

@@ -20,7 +20,7 @@ SLOW_STREAM_TICKS = 5  # slow streams and plans are polled at 100 Hz: 10 ms of t
 LAST_HEARTBEAT_S = 0.1  # the guardian must learn that control has ended in good order
 HEARTBEATS_WAITING = 64  # more only wait for a guardian that stands still
 PLANS_A_TICK = 4
-COMMANDS_A_TICK = 32  # a flood of commands must not make a tick late
+COMMANDS_A_TICK = 64  # 3 s of heartbeats: after a stall the newest counts; a flood must not make a tick late
 
 
 class Received(msgspec.Struct, frozen=True, kw_only=True):

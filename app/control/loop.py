@@ -104,8 +104,10 @@ class Control:
             self._histogram.add(late_ns, missed)
             inputs = self._read(now_ns, late_ns, missed)
             self._state, outputs = step(self._state or initial_state(inputs), inputs, self._settings)
-            if time.monotonic_ns() - now_ns < streams.ABSENT_NS:  # else frozen in this tick, with a command of before
+            if time.monotonic_ns() - now_ns < streams.ABSENT_NS:
                 self._drives.write(outputs.command, inputs.feedback, now_ns, outputs.unheld)
+            else:  # frozen in this tick, with a command of before
+                self._drives.withhold()
             self._publish(self._state, inputs, outputs)
             if self._recorder is not None:
                 self._record_tick(self._recorder, self._state, inputs, outputs)
@@ -184,6 +186,7 @@ class Control:
             written=self._drives.written,
             written_ns=self._drives.written_ns,
             guard_refusal=self._drives.refusal,
+            withheld=self._drives.withheld,
             audit_full=self._audit_full,
             drive_error=self._drives.error,
             stop_inputs=self._stop_inputs.newest,

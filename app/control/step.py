@@ -82,6 +82,9 @@ def _measure_last_tick(tick: Tick) -> None:
                 limit=refusal.limit if isfinite(refusal.limit) else None,
             )
         )
+    if inputs.withheld and inputs.written is not None and state.motion.mode is Mode.MOVING:
+        # the legs stood at the command before; going on from the one left out, the next would be a jump
+        state = replace(state, motion=follower.resume_from(state.motion, inputs.written))
     if state.stop_received_ns and not state.stop_command_ns and inputs.written_ns > state.stop_received_ns:
         state = replace(state, stop_command_ns=inputs.written_ns)
     if state.stop_records and (inputs.written_ns > state.stop_records[-1].seen_ns):

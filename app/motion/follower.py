@@ -81,7 +81,7 @@ class Motion(Struct, frozen=True, kw_only=True):
     onward: Plan | None = None  # of a walk that was stopped: the step that it slows down along when its plan ends
     row: float = 0.0  # position in the plan
     path_rate: float = 1.0  # rows a tick; a hold or a pause ramps it to 0, the end of a pause back to 1
-    offset_rad: JointArray | None = None  # of the command from the plan at its start
+    offset_rad: JointArray = _ZERO  # of the command from the plan at its start
     ramp: float = 0.0  # of stiffening or damping, 0 to 1
     origin: JointCommand = NEUTRAL  # the command at which the damping ramp started
 
@@ -226,10 +226,9 @@ def _moving(motion: Motion, gains: Gains, slope: int) -> Motion:
     assert plan is not None
     row = min(row, float(len(plan.position_rad) - 1))
     fade, fade_speed = _fade(row, len(plan.position_rad) - 1)
-    offset = _ZERO if motion.offset_rad is None else motion.offset_rad
     command = JointCommand(
-        position_rad=_at(plan.position_rad, row) + fade * offset,
-        velocity_rad_s=rate * (_at(plan.velocity_rad_s, row) + fade_speed * offset),
+        position_rad=_at(plan.position_rad, row) + fade * motion.offset_rad,
+        velocity_rad_s=rate * (_at(plan.velocity_rad_s, row) + fade_speed * motion.offset_rad),
         stiffness_nm_rad=gains.stiffness_nm_rad,
         damping_nm_s_rad=gains.damping_nm_s_rad,
         torque_nm=_slewed(motion.command.torque_nm, gains.assist * _at(plan.torque_nm, row), gains.torque_slew_nm),

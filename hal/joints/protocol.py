@@ -35,12 +35,9 @@ class DriveState(Enum):
     FAULTED = "faulted"
 
 
-def carries_power(state: DriveState, before: bool) -> bool:
-    """Whether the drives count as powered; before: whether they did at the last feedback.
-
-    A drive that faulted carries no power, but the three beside it do.
-    """
-    return state is DriveState.ENABLED or (before and state is DriveState.FAULTED)
+def carries_power(state: DriveState) -> bool:
+    """Whether the drives count as powered. A drive that faulted carries no power, but the three beside it do."""
+    return state in {DriveState.ENABLED, DriveState.FAULTED}
 
 
 class DriveFault(Flag):

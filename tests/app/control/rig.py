@@ -62,6 +62,8 @@ class Rig:
     plan_s: float = 0.4
     answer_ticks: int = 1
     refuse_plans: str = ""
+    withhold: bool = False  # the next tick's command, as where control is frozen in it
+    withheld: bool = False
     refused: frozenset[Action] = frozenset(Action)  # whose plans `refuse_plans` concerns
     unanswered: frozenset[Action] = frozenset()  # whose plans never come
     audit: list[Body] = field(default_factory=list)
@@ -155,7 +157,12 @@ class Rig:
         self.history.append((self.state, self.outputs))
         self.audit.extend(self.outputs.audit)
         self._asked.extend((self.answer_ticks, plan_request) for plan_request in self.outputs.plan_requests)
-        self._write(self.outputs, inputs.feedback)
+        self.withheld, self.withhold = self.withhold, False
+        if self.withheld:
+            self._refusal = None
+            self.joints.take(self.command)
+        else:
+            self._write(self.outputs, inputs.feedback)
         self._execute(self.outputs.drives)
 
     def _inputs(self) -> Inputs:
@@ -173,6 +180,7 @@ class Rig:
             written=self._written,
             written_ns=self.now_ns - TICK_NS // 2,
             guard_refusal=self._refusal,
+            withheld=self.withheld,
             drive_error=self._error,
             stop_inputs=self.stop_inputs.newest if self.stop_inputs else InputReadings(),
             cleared=self.cleared,

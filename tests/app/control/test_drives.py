@@ -221,6 +221,15 @@ def test_a_power_on_that_a_fault_refuses_leaves_no_drive_that_may_be_on(on_can: 
     assert not on_can.drives.unconfirmed
 
 
+def test_drives_that_fault_before_their_first_feedback_with_power_count_as_powered(on_can: DrivesOnCan) -> None:
+    on_can.tick(DriveOrder.ENABLE)
+    assert on_can.drives.error is None
+    on_can.emulator.inject(Fault.BUS_OFF)
+    until(lambda: on_can.tick().state is DriveState.FAULTED)
+    assert on_can.drives.powered, "three of them hold the legs, and the guardian has to guard them"
+    on_can.emulator.inject(Fault.HEALED)
+
+
 def test_a_session_ends_with_the_drives_that_did_not_confirm(on_can: DrivesOnCan) -> None:
     on_can.drives.open(time.monotonic_ns())
     on_can.tick(DriveOrder.ENABLE)

@@ -9,7 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from app.control.links import ControlLinks
+from app.control.executor import ENABLE_LIMIT_MS
+from app.control.links import COMMANDS_A_TICK, ControlLinks
 from app.ipc import streams
 from app.ipc.links import Publisher, address, new_link_directory
 from app.ipc.messages import GuardianHealth
@@ -57,3 +58,8 @@ def test_the_report_that_was_waited_for_is_received_in_the_next_tick_that_reads_
         assert links.await_guardian(SINCE_NS, 10.0)
         assert links.receive(slow=False, planning=False).guardian is None
         assert links.receive(slow=True, planning=False).guardian == acted
+
+
+def test_a_tick_takes_all_heartbeats_of_a_stall_that_control_may_survive() -> None:
+    """With some of them left, the newest would look as if the console had been silent."""
+    assert COMMANDS_A_TICK / streams.OPERATOR.rate_hz > ENABLE_LIMIT_MS / 1000

@@ -60,6 +60,20 @@ def to_its_end(rig: Rig, watch: Callable[[Rig], None] = lambda _: None) -> Outco
     return next(report.outcome for report in now(rig).reports if report.number == number)
 
 
+def test_after_a_tick_whose_command_was_withheld_the_legs_stay_where_they_stand() -> None:
+    rig = moving()
+    rig.run_until(lambda state: state.motion.progress > 0.4)
+    written = rig.command
+    rig.withhold = True
+    rig.tick()
+    assert rig.command is written
+    stall(rig, 62)
+    assert Event.CONTROL_STALLED.value in rig.events()
+    assert np.array_equal(rig.command.position_rad, written.position_rad)
+    rig.tick(5)
+    assert Event.GUARD_REFUSAL.value not in rig.events()
+
+
 def test_what_pauses_is_only_timing_and_waits_for_no_acknowledgement() -> None:
     assert {event.value for event in PAUSING} == {cause.value for cause in PauseCause}, "PauseCause, app/ipc/states.py"
     assert all(ROW[event].latch is Latch.NEVER for event in PAUSING)

@@ -328,6 +328,9 @@ def test_a_drive_that_faults_while_it_wakes_stops_the_action_and_can_be_switched
     rig.joints.faults = (DriveFault.NONE,) * 4
     rig.tick()
     assert rig.joints.state is DriveState.DISABLED
+    assert Event.DRIVE_FAULT.value in rig.events(), "until acknowledged: the three beside it had power"
+    rig.send(K.ACKNOWLEDGE)
+    rig.tick()
     assert Event.DRIVE_FAULT.value not in rig.events()
 
 

@@ -383,6 +383,18 @@ def test_stop_is_recorded_with_its_first_joint_command() -> None:
     assert body.command_ns == now(rig).stop_command_ns == seen_ns + TICK_NS // 2
 
 
+def test_a_stop_in_the_last_tick_is_recorded() -> None:
+    rig = Rig()
+    rig.tick(5)
+    rig.audit.clear()
+    rig.send(K.STOP)
+    rig.send(K.SHUT_DOWN)
+    rig.tick()
+    assert rig.outputs.finished
+    body = only(rig, records.Stop)
+    assert (body.seen_ns, body.command_ns) == (rig.now_ns, 0), "no joint command was written for it any more"
+
+
 def test_a_plan_names_the_action_that_it_is_for() -> None:
     rig = moving()
     numbers = {body.number for body in records_of(rig, records.Command)}

@@ -12,12 +12,14 @@ import pytest
 from app.console.app import ConsoleApp
 from app.console.screens.dialogs import Question
 from app.control.inputs import DriveNotice
+from app.control.running_action import Stage
 from app.control.telemetry import LoopStatus, snapshot
 from app.ipc.links import new_link_directory
 from app.ipc.messages import GuardianHealth, Heartbeat
 from app.ipc.snapshot import ControlSnapshot, Lateness, RealTime
 from app.ipc.states import Effect, Event, Outcome, RequestRefusal
 from app.ipc.streams import DAMP_NS, NS_PER_MS
+from app.motion.follower import Mode
 from app.session.guardian import CHECK_S, Guardian
 from app.system.config import Config, SessionSetup
 from app.system.paths import Home
@@ -105,6 +107,21 @@ def test_it_takes_the_torque_in_the_tick_in_which_the_plan_comes_that_would_stif
         rig.send(K.STOP)
     rig.tick(2 * DAMPING_TICKS)
     assert drives(rig) is DriveState.ENABLED, "nothing of it is left for the next damping"
+
+
+@pytest.mark.parametrize("kinds", [(K.STOP, K.TORQUE_OFF), (K.TORQUE_OFF, K.STOP)])
+def test_in_the_tick_in_which_damping_begins_it_is_no_loss_of_power(kinds: tuple[K, K]) -> None:
+    rig = resting(S.UNPOWERED)
+    rig.send(K.ACT, A.INITIALISE)
+    rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.ENABLING)
+    rig.send(K.STOP)
+    rig.tick()
+    assert (drives(rig), now(rig).motion.mode) == (DriveState.ENABLED, Mode.DISABLED), "powered, commanded nothing"
+    for kind in kinds:
+        rig.send(kind)
+    rig.tick(3)
+    assert drives(rig) is DriveState.DISABLED
+    assert rig.events() == {Event.STOP.value, Event.STOP_AGAIN.value}
 
 
 def test_it_is_recorded_as_taken_and_as_refused() -> None:
