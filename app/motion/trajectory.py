@@ -75,8 +75,8 @@ class Recipe:
     speed_share: float = 1.0  # of the speed that a plan may use, before the measured pose is blended in
 
 
-# Over an obstacle both joints of a leg turn back at once. After a pause for 50 ms without commands, at the full speed of
-# plans, the leg swung back beyond the drives' limit (`rleex simulate dropout`); slowed to this share it does not.
+# Over an obstacle both joints of a leg turn back at once: after a pause of 50 ms, at the full speed of plans, the leg
+# swung back beyond the drives' limit (docs/safety.md, "How long commands may be missing").
 OBSTACLE_SPEED_SHARE = 0.8
 
 S, A, P = GaitState, Action, Phase
