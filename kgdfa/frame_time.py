@@ -18,7 +18,8 @@ def row_has_lasted(row_ns: tuple[int, ...], limit: int, jitter: float = 0.5) -> 
     """The same of frames in a row, given their captures.
 
     A hole between two of them counts as one frame: a hand that was cut off for a second, and could not be read, was not
-    read as anything for that second.
+    read as anything for that second. A camera that loses frames makes such holes, too: without a press
+    the vote counts their time as well.
     """
     steps_ns = (after_ns - before_ns for before_ns, after_ns in pairwise(row_ns))
     lasted_ns = sum(FRAME_NS if step_ns > HOLE_NS else step_ns for step_ns in steps_ns)

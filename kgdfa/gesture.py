@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Protocol
 from msgspec import Struct
 from msgspec.structs import replace
 
-from kgdfa.frame_time import row_has_lasted
+from kgdfa.frame_time import FRAME_NS, row_has_lasted
 
 if TYPE_CHECKING:
     from kgdfa.hand import Hand
@@ -143,6 +143,7 @@ VOTE_FRAMES = 3  # paper, gait state machine: "across three consecutive frames"
 # so that only another one seen for a fifth of a second, or half a second of nothing, takes it away.
 PRESS_CHANGE_FRAMES = 6
 PRESS_END_FRAMES = 15
+LONGEST_UNSEEN_NS = (PRESS_END_FRAMES - 1) * FRAME_NS  # from the first frame without it to the last: as long at 30 Hz
 END_FRAMES = 5  # a held gesture ends at the fifth frame in a row that doesn't support it
 # Two gestures read in turn are a hand whose keypoints slip to and fro: MediaPipe folded and stretched one digital
 # hand's ring finger, and 6 of 12 pushes of its 3 commanded 2. Nobody goes to and fro three times in so short a time.
@@ -190,12 +191,14 @@ def update_vote(
     pressing: bool = False,
     approaching: bool = False,
     refuse_alternating: bool = False,
+    timed: bool = False,
 ) -> Vote:
     """The vote after one more frame with that verdict; None: none, or no hand.
 
     pressing: the virtual button is down, or about to be. approaching: the hand comes nearer; another gesture then
     counts as quickly as ever, but nothing recognised ends the one in force as late as in a press. refuse_alternating:
     of two gestures read in turn neither is in force; a press, or an approach, under way is judged by its own rules.
+    timed: what is not shown for LONGEST_UNSEEN_NS ends, however few frames came meanwhile.
     """
     before_ns = vote.candidate_ns if current is vote.candidate else ()
     candidate_ns = (*before_ns, captured_ns) if current is not None else ()
@@ -218,14 +221,15 @@ def update_vote(
             unsupported_ns=(),
             decided_ns=candidate_ns,
         )
-    return _keep_or_end(counted, captured_ns, PRESS_END_FRAMES if pushing else END_FRAMES)
+    return _keep_or_end(counted, captured_ns, PRESS_END_FRAMES if pushing else END_FRAMES, timed=timed)
 
 
-def _keep_or_end(vote: Vote, captured_ns: int, end_frames: int) -> Vote:
+def _keep_or_end(vote: Vote, captured_ns: int, end_frames: int, *, timed: bool) -> Vote:
     if vote.gesture is None or vote.candidate is vote.gesture:
         return replace(vote, unsupported_ns=())
     against_ns = (*vote.unsupported_ns, captured_ns)
-    if row_has_lasted(against_ns, end_frames):
+    overdue = timed and captured_ns - against_ns[0] >= LONGEST_UNSEEN_NS
+    if overdue or row_has_lasted(against_ns, end_frames):
         return _end(vote, against_ns)
     return replace(vote, unsupported_ns=against_ns)
 

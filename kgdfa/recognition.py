@@ -67,7 +67,10 @@ def recognise(before: Recognition, reading: FrameReading, place: ButtonPlace, mo
 
 
 def _update_vote(vote: Vote, button: ButtonState, reading: FrameReading, place: ButtonPlace, mode: ButtonMode) -> Vote:
-    """A hand that outgrows the image near the button keeps its gesture: cut off, it can't be classified."""
+    """A hand that outgrows the image near the button keeps its gesture: cut off, it can't be classified.
+
+    Without a press a hole is no such cut: the camera or the chain lost frames, and their time counts.
+    """
     cut = mode is ButtonMode.ROBUST and reading.cut_off
     if cut and button.pressed:
         return vote
@@ -81,4 +84,5 @@ def _update_vote(vote: Vote, button: ButtonState, reading: FrameReading, place: 
         pressing=pressing,
         approaching=robust and is_approaching(button, place),
         refuse_alternating=robust,
+        timed=robust and not button.pressed,
     )

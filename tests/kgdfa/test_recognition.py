@@ -202,3 +202,30 @@ def measured_at(rate_hz: int, distances_m: Iterable[float], scatter: random.Rand
 def approach_m(rate_hz: int) -> list[float]:
     """From 36 to 20 cm in 0.25 s."""
     return [0.36 - 0.16 * number / (0.25 * rate_hz) for number in range(1, max(2, rate_hz // 4))]
+
+
+@pytest.mark.parametrize("lost", [False, True])
+def test_a_gesture_not_shown_for_half_a_second_ends_while_the_hand_comes_though_frames_are_lost(lost: bool) -> None:
+    """Every second group of three frames is lost; one more misreading near the camera must not press."""
+    now, ended_ns, last_ns = Recognition(), 0, 0
+    for number in range(1, 64):
+        if lost and number > 10 and number // 3 % 2:
+            continue
+        captured_ns = number * FRAME_NS
+        shows = number <= 10 or number in {37, 38, 39}
+        reading = at(0.55 - 0.0118 * max(number - 10, 0), gesture=Gesture.ZERO if shows else None)[0]
+        now = recognise(now, replace(reading, captured_ns=captured_ns), PLACE, ButtonMode.ROBUST)
+        if number <= 10:
+            last_ns = captured_ns
+        elif now.vote.gesture is None:
+            ended_ns = ended_ns or captured_ns
+        assert not now.button.pressed
+    assert 15 * FRAME_NS <= ended_ns - last_ns < 19 * FRAME_NS
+
+
+@pytest.mark.parametrize("mode", list(ButtonMode))
+def test_what_was_pressed_keeps_its_gesture_over_lost_frames(mode: ButtonMode) -> None:
+    """Fourteen frames of nothing, six times further apart: the robust rule as before, and the paper's at any time."""
+    pressed = after(at(*[0.36] * 5, *PUSH_M), mode=mode)
+    unread = after(at(*[0.22] * 14, gesture=None), pressed, period_ns=6 * FRAME_NS, mode=mode)
+    assert unread.vote.gesture is Gesture.FIVE

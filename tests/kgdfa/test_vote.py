@@ -10,6 +10,7 @@ from kgdfa.frame_time import FRAME_NS
 from kgdfa.gesture import (
     ALTERNATING_NS,
     END_FRAMES,
+    LONGEST_UNSEEN_NS,
     PRESS_CHANGE_FRAMES,
     PRESS_END_FRAMES,
     VOTE_FRAMES,
@@ -110,6 +111,15 @@ def test_a_fast_camera_shows_a_change_as_long_as_one_of_30_hz(
         vote = update_vote(vote, shown, now_ns, pressing=pressing)
     assert vote.gesture is shown
     assert count == max(frames, 1 + math.ceil((frames - 1.5) * FRAME_NS / period_ns))
+
+
+@pytest.mark.parametrize("rate_hz", [7.5, 10, 15, 30])
+def test_what_is_timed_ends_after_half_a_second_at_every_frame_rate(rate_hz: float) -> None:
+    vote, period_ns = votes([ONE] * VOTE_FRAMES)[-1], round(1e9 / rate_hz)
+    now_ns = first_ns = vote.recognised_ns + period_ns
+    while (vote := update_vote(vote, None, now_ns, approaching=True, timed=True)).gesture is ONE:
+        now_ns += period_ns
+    assert LONGEST_UNSEEN_NS <= now_ns - first_ns < LONGEST_UNSEEN_NS + period_ns
 
 
 def test_a_gesture_held_for_long_keeps_few_captures() -> None:
