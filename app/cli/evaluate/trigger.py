@@ -34,6 +34,10 @@ from app.text.catalogue import tr
 from profiles.schema import HandUsed
 
 cli = typer.Typer()
+LeftOut = Annotated[
+    float,
+    typer.Option(help="Share of the frames that a busy machine leaves out.", min=0, max=0.9, callback=check_finite),
+]
 HANDS, WALKS, FOCAL_PX, WORKERS = 6, 48, 650.0, 2  # of Table 5
 
 
@@ -116,6 +120,8 @@ def idle(
     threshold_cm: Annotated[
         float, typer.Option("--threshold", callback=check_finite, help="Nearer is pressed, cm.", min=10, max=40)
     ] = 20.0,
+    left_out: LeftOut = 0.0,
+    together: Annotated[int, typer.Option(help="Frames left out at a time.", min=1, max=90)] = 1,
     seed: Annotated[int, typer.Option(help="Another seed, other hands and movements.", min=0, max=MAX_SEED)] = 1,
     keep: Annotated[
         Path | None,
@@ -133,7 +139,14 @@ def idle(
     from app.system.program import PROGRAM, program_identity
 
     program = program_identity()[PROGRAM]
-    settings = idling.IdleSettings(seed=seed, threshold_m=threshold_cm / 100, holes=holes, program=program)
+    settings = idling.IdleSettings(
+        seed=seed,
+        threshold_m=threshold_cm / 100,
+        holes=holes,
+        left_out=left_out,
+        together=together,
+        program=program,
+    )
     before = idling.kept_progress(keep, settings)
     with open_detector(home) as detector, progress("detecting", NOISE_WALKS * NOISE_FRAMES) as step:
         clips = take_noise(detector, step)
@@ -203,10 +216,7 @@ def pushes(
     ] = 12,
     seeds: Seeds = "1-6",
     click: Click = "0.3",
-    left_out: Annotated[
-        float,
-        typer.Option(help="Share of the frames that a busy machine leaves out.", min=0, max=0.9, callback=check_finite),
-    ] = 0.0,
+    left_out: LeftOut = 0.0,
     tremor_cm: Annotated[
         float,
         typer.Option(help="Tremor of the hand, peak to peak, at 4 to 8 Hz.", min=0, max=10, callback=check_finite),

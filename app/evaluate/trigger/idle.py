@@ -6,18 +6,20 @@ frame in order, so that the noise's own persistence is kept: what it lost stays 
 it. Enrolment, rules, vote, distance and button are the real ones.
 
 With depth, each frame also has the map that a D435i would measure of the hand, and in a share of frames it misses it:
-then the hands command by depth, and by both, as well. Every clip is drawn by its own number, so that a run that was
-ended goes on where it was.
+then the hands command by depth, and by both, as well. Frames may be left out, several together, as a busy machine
+does. Every clip is drawn by its own number, so that a run that was ended goes on where it was.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 
 import msgspec
 import numpy as np
 from msgspec import Struct, structs
+from numpy.typing import NDArray
 from rich.table import Table
 
 from app.evaluate.digital import side_of
@@ -50,12 +52,15 @@ CHAINS = {
 class IdleSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """holes: share of frames in which the depth map misses the hand; None: no depth.
 
+    left_out: share of frames that no chain gets, `together` at a time, as of a camera or a machine that loses some.
     program: SHA-256 of its files, since frames of other rules make no sum; empty: kept before it was.
     """
 
     seed: int = 1
     threshold_m: float = THRESHOLD_M
     holes: float | None = None
+    left_out: float = 0.0
+    together: int = 1
     program: str = ""
 
     @property
@@ -67,12 +72,14 @@ class IdleSettings(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 class IdleResult(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How many commands the frames gave, for each chain; presses are reported beside.
 
-    depth_frames: in which depth decided for `both`, the others were bridged. changes: of what measured, for `both`.
+    left_out: of the frames. depth_frames: in which depth decided for `both`, the others were bridged.
+    changes: of what measured, for `both`.
     """
 
     settings: IdleSettings
     clips: int = 0
     frames: int = 0
+    left_out: int = 0
     with_hand: int = 0
     depth_frames: int = 0
     changes: int = 0
@@ -147,7 +154,10 @@ def _after_clip(before: IdleResult, clips: list[NoiseClip]) -> IdleResult:
     }
     last, presses = dict.fromkeys(chains, ButtonState()), dict(before.presses)
     with_hand, depth_frames, changes = before.with_hand, before.depth_frames, before.changes
+    left_out = _left_out(settings, before.clips)
     for index, now in enumerate(move(draw, scene, settings.threshold_m)):
+        if left_out[index]:
+            continue
         hand = noisy_hand(now, noise, index)
         with_hand += hand is not None
         depth_m = None if camera is None else camera.measure(true_depth(now), index, flipping=move is turn)
@@ -165,6 +175,7 @@ def _after_clip(before: IdleResult, clips: list[NoiseClip]) -> IdleResult:
         before,
         clips=before.clips + 1,
         frames=before.frames + CLIP_FRAMES,
+        left_out=before.left_out + int(left_out.sum()),
         with_hand=with_hand,
         depth_frames=depth_frames,
         changes=changes,
@@ -172,6 +183,13 @@ def _after_clip(before: IdleResult, clips: list[NoiseClip]) -> IdleResult:
         commands={name: before.commands.get(name, 0) + one.release_count for name, one in last.items()},
         cancels={name: before.cancels.get(name, 0) + one.cancel_count for name, one in last.items()},
     )
+
+
+def _left_out(settings: IdleSettings, clip: int) -> NDArray[np.bool_]:
+    """Which frames of a clip are: by draws of their own, so that its hands and moves are the same without."""
+    draw = np.random.default_rng([settings.seed, clip, 0x6C656674])
+    groups = draw.random(math.ceil(CLIP_FRAMES / settings.together)) < settings.left_out
+    return np.repeat(groups, settings.together)[:CLIP_FRAMES]
 
 
 def _enrolment(mode: str, person: Person) -> Enrolment | None:
@@ -190,4 +208,6 @@ def idle_table(result: IdleResult) -> Table:
         (name, result.commands.get(name, 0), result.presses.get(name, 0), result.cancels.get(name, 0))
         for name in result.settings.chains
     ]
-    return table("idle", "empty commands presses cancelled", rows, left=4, frames=f"{result.frames:,}")
+    values = {"frames": f"{result.frames:,}", "left_out": f"{result.left_out:,}"}
+    title = "idle.left_out" if result.settings.left_out else "idle"
+    return table(title, "empty commands presses cancelled", rows, left=4, **values)

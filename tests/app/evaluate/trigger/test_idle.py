@@ -49,3 +49,12 @@ def test_a_frame_that_lost_the_hand_has_none() -> None:
     clips = (NoiseClip(gesture="5", frames=frames) for frames in ((EXACT, EXACT), (EXACT, None)))
     seen = [evaluate_idle([clip], before, frames=1, step=lambda _: None) for clip in clips]
     assert 0 < seen[1].with_hand < seen[0].with_hand
+
+
+def test_frames_are_left_out_several_at_a_time_of_the_same_moves() -> None:
+    whole, half = IdleSettings(seed=3), IdleSettings(seed=3, left_out=0.5, together=3)
+    every, some = (run(IdleResult(settings=settings), 2) for settings in (whole, half))
+    assert every.left_out == 0
+    assert 0.2 * some.frames < some.left_out < 0.8 * some.frames
+    assert some.left_out % 3 == 0
+    assert every.with_hand - some.left_out <= some.with_hand < every.with_hand
