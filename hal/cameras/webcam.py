@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from hal.cameras.camera import LATE_NS, Frame, ImageArray, Intrinsics, LatestFrame, UsualDelay
-from hal.cameras.intrinsics import choose
+from hal.cameras.intrinsics import check_size, choose
 from hal.cameras.webcam_list import SYSFS, find_webcam, list_webcams
 from hal.errors import CameraFault, HardwareError
 
@@ -74,13 +74,14 @@ class WebcamCamera:
         self._latest = LatestFrame(self._grab, lost=HardwareError(CameraFault.NO_FRAMES, camera=entry.name))
 
     def read(self, timeout_s: float) -> Frame | None:
-        """The newest image. Raises HardwareError when the camera is gone or silent."""
+        """The newest image. Raises HardwareError when the camera is gone, silent, or sends another size than said."""
         if self._latest is None or self._intrinsics is None:
             raise HardwareError(CameraFault.NOT_OPEN, camera=self._name)
         taken = self._latest.take(timeout_s)
         if taken is None:
             return None
         image, captured_ns = taken
+        check_size(self._intrinsics, image.shape[1], image.shape[0], self._name)
         self._sequence += 1
         return Frame(image_bgr=image, captured_ns=captured_ns, sequence=self._sequence, intrinsics=self._intrinsics)
 

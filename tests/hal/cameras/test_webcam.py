@@ -135,6 +135,22 @@ def test_a_focal_length_that_is_given_for_another_size_is_refused(
     assert Capture.in_use == 0
 
 
+def test_images_of_another_size_than_the_camera_says_are_refused(sysfs: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every distance would be wrong by the ratio of the sizes."""
+
+    class Larger(Capture):
+        def read(self) -> tuple[bool, ImageArray]:
+            return True, np.random.default_rng().integers(0, 255, (960, 1280, 3), np.uint8)
+
+    monkeypatch.setattr(cv2, "VideoCapture", Larger)
+    camera = WebcamCamera("c920", sysfs=sysfs)
+    camera.open()
+    sizes = {"width_px": 640, "height_px": 480, "image_width_px": 1280, "image_height_px": 960}
+    with closing(camera), refused(CameraFault.OTHER_RESOLUTION, **sizes):
+        while camera.read(30.0) is None:
+            pass
+
+
 @pytest.mark.parametrize(("noise", "fault"), [(0, CameraFault.NO_FRAMES), (1, None)])
 def test_the_same_image_again_and_again_is_none(
     sysfs: Path, monkeypatch: pytest.MonkeyPatch, noise: int, fault: CameraFault | None
