@@ -51,6 +51,7 @@ class RecordingFault(Enum):
     NOT_NAMED = auto()
     NOT_FOUND = auto()
     FOLDER_NOT_FOUND = auto()
+    FOLDER_UNREADABLE = auto()
     FOLDER_EMPTY = auto()
     EMPTY = auto()
     ENDED = auto()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -89,9 +90,10 @@ def _recording(wanted: CameraRequest) -> Camera:
     def source() -> Iterator[RecordedFrame]:  # looked for when it is opened, as a webcam is: a session tells why not
         if not wanted.device:
             raise HardwareError(RecordingFault.NOT_NAMED)
-        if not path.exists():
+        if not os.path.exists(path):  # noqa: PTH110 - that of pathlib raises for what may not be looked at
             raise HardwareError(RecordingFault.NOT_FOUND, path=path)
-        return folder_source(path, wanted.rate_hz)() if path.is_dir() else video_source(path)()
+        folder = os.path.isdir(path)  # noqa: PTH112 - the same
+        return folder_source(path, wanted.rate_hz)() if folder else video_source(path)()
 
     return PlaybackCamera(path, source, focal_px=wanted.focal_px, mirrored=wanted.mirrored, store=wanted.store)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import struct
 import time
@@ -19,6 +20,7 @@ from PIL import Image
 from hal.cameras.camera import EndOfRecording, Frame, ImageArray, Intrinsics
 from hal.cameras.intrinsics import check_size, choose
 from hal.errors import CameraFault, HardwareError, RecordingFault
+from logs.reading.errors import cause_of
 from logs.reading.regular import MAX_IMAGE, read_bytes
 
 MAX_PIXELS = 100_000_000  # of an image: 300 MB decoded; a file of a megabyte can claim a thousand times as many
@@ -134,7 +136,8 @@ class PlaybackCamera:
 
 def open_video(path: Path) -> cv2.VideoCapture | None:
     """A video file, None when it is none; never a pattern, a device or an address, as a relative `10:30.mp4` is."""
-    capture = cv2.VideoCapture(str(path.absolute())) if path.is_file() else None
+    file = os.path.isfile(path)  # noqa: PTH113 - that of pathlib raises for what may not be looked at
+    capture = cv2.VideoCapture(str(path.absolute())) if file else None
     return capture if capture is not None and capture.isOpened() else None
 
 
@@ -183,10 +186,13 @@ def folder_source(folder: Path, rate_hz: float = 30.0) -> FrameSource:
 
 
 def image_files(folder: Path) -> list[Path]:
-    """The images in a folder, by name: 2 before 10. Raises HardwareError when there are none."""
-    if not folder.is_dir():
+    """The images in a folder, by name: 2 before 10. Raises HardwareError when there are none, or it may not be read."""
+    if not os.path.isdir(folder):  # noqa: PTH112 - that of pathlib raises for what may not be looked at
         raise HardwareError(RecordingFault.FOLDER_NOT_FOUND, path=folder)
-    files = [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES]
+    try:
+        files = [path for path in folder.iterdir() if path.suffix.lower() in IMAGE_SUFFIXES]
+    except OSError as error:
+        raise HardwareError(RecordingFault.FOLDER_UNREADABLE, path=folder, detail=cause_of(error)) from error
     if not files:
         raise HardwareError(RecordingFault.FOLDER_EMPTY, path=folder, known=", ".join(sorted(IMAGE_SUFFIXES)))
     return sorted(files, key=_by_number)

@@ -6,6 +6,7 @@ frame and opened anew.
 
 from __future__ import annotations
 
+import os
 import time
 from contextlib import suppress
 from dataclasses import dataclass
@@ -152,7 +153,7 @@ class RealSenseCamera:
         self._latest = self._streams = self._playback = None
 
     def _prepare_recording(self, config: Any, path: Path) -> None:
-        if not path.is_file():
+        if not os.path.isfile(path):  # noqa: PTH113 - that of pathlib raises for what may not be looked at
             raise HardwareError(RecordingFault.NOT_FOUND, path=path)
         self._name = path.name
         config.enable_device_from_file(str(path), repeat_playback=False)

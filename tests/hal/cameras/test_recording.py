@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import shutil
 from collections.abc import Iterator
 from contextlib import suppress
@@ -15,7 +16,7 @@ import pytest
 from hal.cameras import playback
 from hal.cameras.camera import Camera, EndOfRecording, Frame
 from hal.cameras.factory import open_camera
-from hal.cameras.playback import PlaybackCamera, RecordedFrame, folder_source, image_files
+from hal.cameras.playback import PlaybackCamera, RecordedFrame, folder_source, image_files, video_source
 from hal.errors import CameraFault, RecordingFault
 from tests.hal.cameras.conftest import FRAMES, HEIGHT, PERIOD_NS, WIDTH, Kept, small_hand
 from tests.support.errors import refused
@@ -69,6 +70,27 @@ def test_missing_empty_and_damaged_sources_are_refused_by_name(tmp_path: Path) -
     (pictures / "a.png").write_bytes(b"no picture")
     with refused(RecordingFault.IMAGE_UNREADABLE, path=pictures / "a.png"):
         open_camera("recording", device=str(pictures)).open()
+
+
+@pytest.mark.parametrize("name", ["x" * 300, "a/" * 3000 + "b", "a\0b"], ids=["name", "path", "NUL"])
+def test_a_name_that_no_file_can_have_is_not_found(name: str) -> None:
+    with refused(RecordingFault.NOT_FOUND):
+        open_camera("recording", device=name).open()
+    with refused(RecordingFault.NOT_FOUND):
+        open_camera("realsense", device=f"{name}.bag").open()
+    with refused(RecordingFault.VIDEO_UNREADABLE):
+        next(video_source(Path(name))())
+    with refused(RecordingFault.FOLDER_NOT_FOUND):
+        image_files(Path(name))
+
+
+def test_a_folder_that_may_not_be_read_is_refused_by_name(kept: Kept, monkeypatch: pytest.MonkeyPatch) -> None:
+    def locked(_: Path) -> Iterator[Path]:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(Path, "iterdir", locked)
+    with refused(RecordingFault.FOLDER_UNREADABLE, path=kept.folder):
+        open_camera("recording", device=str(kept.folder)).open()
 
 
 def test_a_realsense_recording_cut_in_half_is_refused_by_name(kept: Kept, tmp_path: Path) -> None:
