@@ -42,7 +42,7 @@ FrameSource = Callable[[], Iterator[RecordedFrame]]
 
 
 class PlaybackCamera:
-    """Plays moments back at the pace they were recorded, or as fast as they are read; slower where it can't decode so.
+    """Plays images back at the pace they were recorded, or as fast as they are read; slower where it can't decode so.
 
     Captured times are of this host's clock now: for the chain a recording is a live camera.
     """
@@ -57,7 +57,7 @@ class PlaybackCamera:
         paced: bool = True,
         store: Path | None = None,
     ) -> None:
-        """moments: starts the source anew; raises HardwareError when it can't be read."""
+        """source: starts it anew; raises HardwareError when it can't be read. paced: as it was recorded."""
         self._path = path
         self._source = source
         self._focal_px = focal_px
