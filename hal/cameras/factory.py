@@ -95,7 +95,14 @@ def _recording(wanted: CameraRequest) -> Camera:
         folder = os.path.isdir(path)  # noqa: PTH112 - the same
         return folder_source(path, wanted.rate_hz)() if folder else video_source(path)()
 
-    return PlaybackCamera(path, source, focal_px=wanted.focal_px, mirrored=wanted.mirrored, store=wanted.store)
+    return PlaybackCamera(
+        path,
+        source,
+        focal_px=wanted.focal_px,
+        focal_size_px=(wanted.width_px, wanted.height_px),
+        mirrored=wanted.mirrored,
+        store=wanted.store,
+    )
 
 
 def _realsense(wanted: CameraRequest) -> Camera:

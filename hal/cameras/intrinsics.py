@@ -91,13 +91,21 @@ def _possible_focal(pixels: int, focal_px: float) -> bool:
 
 
 def choose(
-    width_px: int, height_px: int, *, camera: str, focal_px: float | None = None, store: Path | None = None
+    width_px: int,
+    height_px: int,
+    *,
+    camera: str,
+    focal_px: float | None = None,
+    focal_size_px: tuple[int, int] | None = None,
+    store: Path | None = None,
 ) -> Intrinsics:
     """A stated focal length wins over a measured one, a measured one over the assumed field of view.
 
-    store: a cameras.toml. Raises HardwareError when it is broken, or measured at another resolution only.
+    focal_size_px: width and height of the images that `focal_px` is of; None: of these. store: a cameras.toml.
+    Raises HardwareError when it is broken, or measured or stated for another resolution only.
     """
     if focal_px is not None:
+        _check_focal_size(camera, focal_size_px or (width_px, height_px), (width_px, height_px))
         return given(width_px, height_px, focal_px)
     measured = load(store, camera) if store is not None else None
     if measured is None:
@@ -105,6 +113,15 @@ def choose(
     check_size(measured, width_px, height_px, camera)
     _check_square(measured)
     return measured
+
+
+def _check_focal_size(camera: str, stated_px: tuple[int, int], image_px: tuple[int, int]) -> None:
+    """Raises HardwareError where the images have another size than the one that a focal length is given for."""
+    if stated_px == image_px:
+        return
+    stated = {"width_px": stated_px[0], "height_px": stated_px[1]}
+    taken = {"image_width_px": image_px[0], "image_height_px": image_px[1]}
+    raise HardwareError(CameraFault.FOCAL_LENGTH_OTHER_SIZE, camera=camera, **stated, **taken)
 
 
 def _check_square(lens: Intrinsics) -> None:

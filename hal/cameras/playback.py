@@ -53,14 +53,19 @@ class PlaybackCamera:
         source: FrameSource,
         *,
         focal_px: float | None = None,
+        focal_size_px: tuple[int, int] | None = None,
         mirrored: bool = False,
         paced: bool = True,
         store: Path | None = None,
     ) -> None:
-        """source: starts it anew; raises HardwareError when it can't be read. paced: as it was recorded."""
+        """source: starts it anew; raises HardwareError when it can't be read. paced: as it was recorded.
+
+        focal_size_px: width and height of the images that `focal_px` is of; None: of the recording's.
+        """
         self._path = path
         self._source = source
         self._focal_px = focal_px
+        self._focal_size_px = focal_size_px
         self._mirrored = mirrored
         self._paced = paced
         self._store = store
@@ -86,7 +91,14 @@ class PlaybackCamera:
         if self._next is None:
             raise HardwareError(RecordingFault.EMPTY, path=self._path)
         height, width = self._next.image_bgr.shape[:2]
-        self._intrinsics = choose(width, height, camera=self.name, focal_px=self._focal_px, store=self._store)
+        self._intrinsics = choose(
+            width,
+            height,
+            camera=self.name,
+            focal_px=self._focal_px,
+            focal_size_px=self._focal_size_px,
+            store=self._store,
+        )
         self._started_ns = time.monotonic_ns()
         self._sequence = 0
 

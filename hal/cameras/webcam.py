@@ -65,8 +65,14 @@ class WebcamCamera:
         self._capture = capture
         try:
             width, height = self._negotiate(capture)
-            self._check_focal_size(width, height)
-            self._intrinsics = choose(width, height, camera=entry.name, focal_px=self._focal_px, store=self._store)
+            self._intrinsics = choose(
+                width,
+                height,
+                camera=entry.name,
+                focal_px=self._focal_px,
+                focal_size_px=self._wanted[:2],
+                store=self._store,
+            )
         except HardwareError:
             self.close()
             raise
@@ -100,15 +106,6 @@ class WebcamCamera:
         capture.set(cv2.CAP_PROP_FPS, rate)
         capture.set(cv2.CAP_PROP_BUFFERSIZE, 1)
         return (int(capture.get(cv2.CAP_PROP_FRAME_WIDTH)), int(capture.get(cv2.CAP_PROP_FRAME_HEIGHT)))
-
-    def _check_focal_size(self, width_px: int, height_px: int) -> None:
-        """A focal length is given in pixels of the wanted size. Raises HardwareError where the camera took another."""
-        wanted_px = self._wanted[:2]
-        if self._focal_px is None or (width_px, height_px) == wanted_px:
-            return
-        wanted = {"width_px": wanted_px[0], "height_px": wanted_px[1]}
-        taken = {"image_width_px": width_px, "image_height_px": height_px}
-        raise HardwareError(CameraFault.FOCAL_LENGTH_OTHER_SIZE, camera=self._name, **wanted, **taken)
 
     def _grab(self) -> tuple[ImageArray, int] | None:
         there, image = self._capture.read()

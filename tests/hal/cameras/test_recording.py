@@ -5,7 +5,7 @@ from __future__ import annotations
 import errno
 import shutil
 from collections.abc import Iterator
-from contextlib import suppress
+from contextlib import closing, nullcontext, suppress
 from itertools import pairwise
 from pathlib import Path
 
@@ -123,6 +123,21 @@ def test_images_of_another_size_than_the_first_are_refused(kept: Kept, tmp_path:
     assert camera.read(1.0) is not None
     with refused(CameraFault.OTHER_RESOLUTION, width_px=WIDTH, image_width_px=WIDTH // 2):
         camera.read(1.0)
+
+
+@pytest.mark.parametrize(("times", "refuses"), [(2, True), (1, False)])
+def test_a_focal_length_that_is_given_for_another_size_than_the_recordings_is_refused(
+    kept: Kept, times: int, refuses: bool
+) -> None:
+    """Every distance would be wrong by the ratio of the sizes."""
+    size = {"width_px": times * WIDTH, "height_px": times * HEIGHT}
+    camera = open_camera("recording", device=str(kept.folder), focal_px=950.0, **size)
+    stated = {**size, "image_width_px": WIDTH, "image_height_px": HEIGHT}
+    with closing(camera), refused(CameraFault.FOCAL_LENGTH_OTHER_SIZE, **stated) if refuses else nullcontext():
+        camera.open()
+        frame = camera.read(1.0)
+        assert frame is not None
+        assert (frame.intrinsics.fx_px, frame.intrinsics.width_px) == (950.0, WIDTH)
 
 
 class Clock:
