@@ -88,7 +88,10 @@ class PicturesFile:
         if self._must_delete:
             self._delete()
         if self.writer is not None:
-            self.writer.lost[schemas.IMAGE] += self._lost + self._refused
+            missed = self._lost + self._refused
+            self.writer.lost[schemas.IMAGE] += missed
+            if self.writer.written[schemas.DEPTH]:
+                self.writer.lost[schemas.DEPTH] += missed
             whole = self.writer.finish()
             self._sink.emit(file_record(self.writer, whole=whole))
         elif self._refused:

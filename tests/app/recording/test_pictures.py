@@ -168,7 +168,16 @@ def test_a_disk_that_is_behind_costs_pictures_first(file: PicturesFile, collecto
     assert survey(file.path).counts[schemas.IMAGE] == 2
     (record,) = collector.bodies
     assert isinstance(record, RecordingFile)
-    assert record.lost == {schemas.IMAGE: 4}  # two of them on their way here
+    assert record.lost == {schemas.IMAGE: 4, schemas.DEPTH: 4}  # two of them on their way here
+
+
+def test_without_depth_only_images_are_lost(file: PicturesFile, collector: Collector) -> None:
+    file.follow(AGREED)
+    file.take(replace(encode(frame(depth=False)), lost=3), 0)
+    file.close()
+    (record,) = collector.bodies
+    assert isinstance(record, RecordingFile)
+    assert record.lost == {schemas.IMAGE: 3}
 
 
 def test_pictures_lost_before_perception_was_restarted_stay_counted(file: PicturesFile, collector: Collector) -> None:
@@ -178,7 +187,7 @@ def test_pictures_lost_before_perception_was_restarted_stay_counted(file: Pictur
     file.close()
     (record,) = collector.bodies
     assert isinstance(record, RecordingFile)
-    assert record.lost == {schemas.IMAGE: 3 + 5 + 2}
+    assert record.lost == dict.fromkeys((schemas.IMAGE, schemas.DEPTH), 3 + 5 + 2)
 
 
 def test_agreed_again_the_new_file_lacks_only_its_own_losses(file: PicturesFile, collector: Collector) -> None:
@@ -189,7 +198,7 @@ def test_agreed_again_the_new_file_lacks_only_its_own_losses(file: PicturesFile,
     file.close()
     record = collector.bodies[-1]
     assert isinstance(record, RecordingFile)
-    assert record.lost == {schemas.IMAGE: 2}
+    assert record.lost == {schemas.IMAGE: 2, schemas.DEPTH: 2}
 
 
 def test_a_file_that_cannot_be_made_is_told_in_the_trail(file: PicturesFile, collector: Collector) -> None:
@@ -290,4 +299,4 @@ def test_a_consent_that_follows_at_once_undoes_no_withdrawal(file: PicturesFile,
     deleted, record = collector.bodies
     assert isinstance(deleted, RecordingDeleted)
     assert isinstance(record, RecordingFile)
-    assert record.lost == {schemas.IMAGE: 1}
+    assert record.lost == {schemas.IMAGE: 1, schemas.DEPTH: 1}
