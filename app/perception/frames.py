@@ -130,7 +130,11 @@ def unpack(record: Frames, hand: int) -> Iterator[ClassifiedFrame]:
     """
     captures_ns = tuple(accumulate(record.after_ns, initial=record.captured_ns))
     sources = record.sources or SOURCES[DistanceSource.MONOCULAR, False] * len(record.gesture)
-    columns = zip(record.gesture, record.confidence, record.safe_distance_m, record.beside_px, sources, strict=True)
+    fields = (record.gesture, record.confidence, record.safe_distance_m, record.beside_px, sources)
+    hands = sum(PRESENT_OTHER[mark.lower()][0] for mark in record.hands)
+    if any(len(column) != hands for column in fields):
+        raise ValueError(hands)
+    columns = zip(*fields, strict=True)
     bridges = iter(record.bridge_m)
     if len(record.bridge_m) != sum(SOURCE_OF[mark][0] is DistanceSource.DEPTH for mark in record.sources):
         raise ValueError(len(record.bridge_m))

@@ -243,6 +243,20 @@ def test_a_distance_that_is_changed_takes_its_press_away() -> None:
     assert told[0].sequence == place + 1
 
 
+@pytest.mark.parametrize(
+    "changes",
+    [{"hands": "hhh"}, {"hands": "h.."}, {"confidence": (0.5, 0.5, 0.5)}],
+    ids=["a hand more", "a hand less", "a figure more"],
+)
+def test_frames_whose_columns_do_not_fit_their_hands_are_told(changes: dict[str, object]) -> None:
+    bodies = recorded(timed([seen(0.4), seen(0.4), NOBODY]))
+    place, batch = next((at, body) for at, body in enumerate(bodies) if isinstance(body, Frames))
+    assert batch.hands == "nh."
+    bodies[place] = structs.replace(batch, **changes)
+    (told,) = differing(bodies)
+    assert (told.sequence, told.field, told.recorded, told.replayed) == (place, "name", "frames", None)
+
+
 def test_what_is_left_out_is_told() -> None:
     place = next(at for at, body in enumerate(SESSION) if isinstance(body, Release))
     (told,) = differing([*SESSION[:place], *SESSION[place + 1 :]])
