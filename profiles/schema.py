@@ -113,11 +113,11 @@ class VocabularyEvidence(Struct, frozen=True, kw_only=True, forbid_unknown_field
     proven_at: Annotated[datetime, Meta(tz=True)]
     model: str  # SHA-256 of what recognised (`app/system/vocabulary.py`)
     hand: HandUsed | None = None  # that was shown; None: unknown, from before it was kept
-    vocabulary: tuple[GestureUsed, ...]
+    vocabulary: tuple[GestureUsed, ...] = ()  # empty ones stand in no file
     idle_frames: Count
     idle_taken: Count  # for a gesture of the vocabulary
     idle_at_most: Share
-    gestures: tuple[GestureEvidence, ...]
+    gestures: tuple[GestureEvidence, ...] = ()
 
 
 class DoseTargets(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -58,3 +58,21 @@ def test_it_is_typed_as_one_text(patient: Profile) -> None:
         edit(patient, {"vocabulary": "0 ten"})
     with pytest.raises(ProfileError, match="VOCABULARY_EMPTY"):
         edit(patient, {"vocabulary": ""})
+
+
+@pytest.mark.parametrize("vocabulary", ["", "0 6"])
+def test_a_file_gives_back_evidence_without_gestures(vocabulary: str) -> None:
+    text = f"""{encode(DEMO_PATIENT)}
+[evidence]
+proven_at = "2026-09-21T14:13:20Z"
+model = ""
+vocabulary = "{vocabulary}"
+idle_frames = 0
+idle_taken = 0
+idle_at_most = 1.0
+gestures = []
+"""
+    profile = msgspec.structs.replace(decode(text, ""), note="left side weak")
+    assert profile.evidence is not None
+    assert profile.evidence.vocabulary == tuple(map(GestureUsed, vocabulary.split()))
+    assert decode(encode(profile, text), "") == profile
