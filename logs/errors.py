@@ -42,6 +42,7 @@ class AuditFault(Enum):
     PUBLIC_KEY_NOT_PEM = auto()  # path
     PUBLIC_KEY_NOT_ED25519 = auto()  # path
     UNANSWERABLE = auto()  # detail: the query engine's message
+    TIME_NOT_SHOWN = auto()  # column
     NOT_A_QUESTION = auto()
     QUESTION_TOO_LONG = auto()  # limit_s
     ANSWER_TOO_LARGE = auto()  # limit_bytes

@@ -10,6 +10,7 @@ import threading
 from collections.abc import Iterator, Sequence
 from decimal import Decimal
 from itertools import count
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -127,7 +128,7 @@ def _fetched(reader: Any, late: threading.Event) -> Any:
 def as_table(answer: Any, render: Render) -> Table:
     """The first rows of a pyarrow table, numbers to the right, safe for a terminal. Known columns get their name."""
     table = Table(box=None)
-    columns = [column.to_pylist() for column in answer.slice(0, MOST_ROWS).columns]  # two may have one name
+    columns = _columns(answer.slice(0, MOST_ROWS))
     for name, values in zip(answer.column_names, columns, strict=True):
         numeric = any(isinstance(value, int | float) for value in values)
         table.add_column(Text(sanitize_terminal(name)), justify="right" if numeric else "left")
@@ -139,9 +140,36 @@ def as_table(answer: Any, render: Render) -> Table:
 
 
 def as_json(answer: Any) -> Iterator[str]:
-    """Every row of a pyarrow table as an object in pure ASCII; a second column of one name is numbered, `session_2`."""
-    named = answer.rename_columns(_distinct(answer.column_names))
-    return (json.dumps(row, default=_plain) for row in named.to_pylist())
+    """Every row of a pyarrow table as an object in pure ASCII; a second column of one name is numbered, `session_2`.
+
+    JSON has no NaN and no infinity: they are null.
+    """
+    names, columns = _distinct(answer.column_names), _columns(answer)
+    for row in zip(*columns, strict=True):
+        values = map(_finite, row)
+        yield json.dumps(dict(zip(names, values, strict=True)), default=_plain, allow_nan=False)
+
+
+def _columns(answer: Any) -> list[list[Any]]:
+    """The values of each column, of which two may have one name. Raises AuditError for times that Python has none for.
+
+    DuckDB's years go beyond 1 to 9999, and its times down to nanoseconds.
+    """
+    columns: list[list[Any]] = []
+    for name, column in zip(answer.column_names, answer.columns, strict=True):
+        try:
+            columns.append(column.to_pylist())
+        except (OverflowError, ValueError) as error:
+            raise AuditError(AuditFault.TIME_NOT_SHOWN, column=name) from error
+    return columns
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, float):
+        return value if isfinite(value) else None
+    if isinstance(value, dict):
+        return {name: _finite(held) for name, held in value.items()}
+    return [_finite(held) for held in value] if isinstance(value, list | tuple) else value
 
 
 def _distinct(names: Sequence[str]) -> list[str]:

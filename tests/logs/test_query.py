@@ -259,6 +259,29 @@ def test_columns_of_one_name_keep_each_its_value(logs: Path) -> None:
     assert json.loads(row) == {"n": 1, "n_3": "two", "n_2": 3, "n_4": 4}
 
 
+@pytest.mark.parametrize(
+    "value",
+    ["DATE '5000000-01-01'", "'infinity'::TIMESTAMP", "[DATE '5000000-01-01']", "{'day': DATE '0044-03-15 (BC)'}"],
+)
+def test_a_time_beyond_pythons_years_is_refused_by_its_column(logs: Path, value: str) -> None:
+    connection = connect([logs])
+    answer = ask(connection, f"SELECT 1 AS one, {value} AS far")
+    for shown in (lambda: as_table(answer, render_recorded), lambda: list(as_json(answer))):
+        with pytest.raises(AuditError) as raised:
+            shown()
+        assert (raised.value.code, raised.value.values) == (AuditFault.TIME_NOT_SHOWN, {"column": "far"})
+    (row,) = as_json(ask(connection, "SELECT (DATE '5000000-01-01')::VARCHAR AS far"))
+    assert json.loads(row) == {"far": "5000000-01-01"}
+
+
+def test_json_has_null_for_what_is_no_finite_number(logs: Path) -> None:
+    sql = (
+        "SELECT 'nan'::DOUBLE AS a, ['inf'::FLOAT, 1.5] AS b, {'c': '-inf'::DOUBLE} AS d, MAP {'e': 'nan'::DOUBLE} AS f"
+    )
+    (row,) = as_json(ask(connect([logs]), sql))
+    assert row == '{"a": null, "b": [null, 1.5], "d": {"c": null}, "f": [["e", null]]}'
+
+
 def test_nothing_to_read_is_refused(tmp_path: Path) -> None:
     with pytest.raises(AuditError) as raised:
         connect([tmp_path])
