@@ -18,6 +18,7 @@ import typer
 from typer import CallbackParam, Context
 
 from app.system.errors import AppError
+from app.system.files import is_there
 from app.text.catalogue import tr
 from logs.reading.errors import InputError, InputFault, cause_of
 from logs.reason import sanitize_terminal
@@ -149,7 +150,7 @@ def check_replaced(path: Path) -> Path:
 
 def _check_file(path: Path, *, replaced: bool) -> Path:
     with _tried(path):
-        if path.exists():
+        if is_there(path):
             if not path.is_file():
                 raise InputError(InputFault.NOT_REGULAR)
             path.open("r+b").close()
@@ -195,8 +196,8 @@ def check_output_folder(path: Path | None) -> Path | None:
     """The same for a folder that the command makes, with those above it."""
     if path is None:
         return None
-    first = next(one for one in (path, *path.absolute().parents) if one.exists())
     try:
+        first = next(one for one in (path, *path.absolute().parents) if is_there(one))
         if not first.is_dir():
             raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
         with tempfile.TemporaryFile(dir=first):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from os.path import exists
+from os.path import exists, realpath
 
 import msgspec
 
@@ -69,7 +69,7 @@ def _device_of(camera: CameraConfig) -> str:
 
         return str(find_webcam(camera.device, list_webcams()).index)
     if camera.kind == "recording" or camera.device.lower().endswith((".bag", ".db3")):
-        return str(path_named(camera.device).resolve())
+        return realpath(path_named(camera.device))
     if camera.device:
         return camera.device
     from hal.cameras.realsense_devices import list_realsense

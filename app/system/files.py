@@ -23,8 +23,8 @@ def partial_file(target: Path) -> Iterator[Path]:
 
 def write_whole(path: Path, content: bytes) -> None:
     """All of it, or what was there stays, whose mode it keeps; a link's target is replaced. Raises OSError."""
-    path = path.resolve()
-    mode = stat.S_IMODE(path.stat().st_mode) if path.exists() else None
+    path = Path(os.path.realpath(path))  # for links in a circle `resolve` raises RuntimeError before Python 3.13
+    mode = stat.S_IMODE(path.stat().st_mode) if is_there(path) else None
     with partial_file(path) as partial:
         if mode is not None:
             partial.touch(0o600)  # others may read it once it has the mode of the one that it replaces
@@ -32,6 +32,14 @@ def write_whole(path: Path, content: bytes) -> None:
         if mode is not None:
             partial.chmod(mode)
         partial.replace(path)
+
+
+def is_there(path: Path) -> bool:
+    """As `Path.exists`; but what can't be told, as of links in a circle, is no absence. Raises OSError."""
+    with suppress(FileNotFoundError):
+        path.stat()
+        return True
+    return False
 
 
 def open_lock(path: Path, mode: int = 0o600) -> int:
