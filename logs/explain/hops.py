@@ -65,10 +65,10 @@ def explain(found: list[Record], sequence: int) -> Explanation:
     if about is None:
         last = found[-1].sequence if found else 0
         raise AuditError(AuditFault.NO_RECORD, sequence=sequence, last=last)
-    steps = _in_time(_Thread(found, about).steps())
+    steps = list(_Thread(found, about).steps())
     if all(step.record is not about for step in steps):
         steps.append(_step(Hop.RECORDED, about.monotonic_ns, about))
-    return Explanation(about=about, steps=tuple(steps))
+    return Explanation(about=about, steps=tuple(_in_time(steps)))
 
 
 def _in_time(steps: Iterable[Step]) -> list[Step]:

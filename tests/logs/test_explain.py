@@ -35,6 +35,7 @@ from logs.records import (
     Release,
     Stop,
 )
+from testing.trails import write_sample
 from tests.app.control.moments import A, K, moving, now, standing
 from tests.app.perception.test_reporting import ONE, OVER, push
 from tests.support.audit_trails import write_session
@@ -209,6 +210,15 @@ def test_every_record_is_explained_in_both_languages(tmp_path: Path, language: s
             json.dumps(to_values(explain(found, record.sequence)))
     finally:
         use_language("en")
+
+
+def test_the_hops_of_every_record_are_in_the_order_of_their_moments(tmp_path: Path) -> None:
+    found = records(write_sample(tmp_path, minutes=1))
+    for record in found:
+        steps = explain(found, record.sequence).steps
+        moments = [step.at_ns for step in steps if step.at_ns is not None]
+        assert moments == sorted(moments), record.sequence
+        assert any(step.record is record for step in steps)
 
 
 def test_what_an_older_trail_lacks_was_not_recorded_then() -> None:
