@@ -75,7 +75,8 @@ def show(patient: Patient, home: HomeOption = None) -> None:
     """Show one patient's profile, with the palm estimate and its error."""
     profile = _store(home).load(patient)
     console = Console()
-    console.print(encode(profile), markup=False, highlight=True)
+    for line in encode(profile).split("\n"):
+        console.print(sanitize_terminal(line), markup=False, highlight=True)
     console.print(tr("cli.profile.palm_in_use", palm=reference_segment(profile).explain()))
     console.print(tr("cli.profile.palm_by_table", palm=explain_estimate(palm_estimate(profile))))
 

@@ -95,6 +95,18 @@ def test_the_list_shows_a_palm_by_its_newest_calibration_and_names_the_camera(
     assert "6.0 ± 0.1 cm, calibrated, [b]webcam " in calibrated
 
 
+def test_a_profile_is_shown_without_what_steers_a_terminal(tmp_path: Path) -> None:
+    calibration = calibrated_with(camera="web\x9b2J\u202ecam\x85\u2028")
+    noted = msgspec.structs.replace(DEMO_PATIENT, identifier="P-1", calibrations=(calibration,), note="a\nb")
+    store = ProfileStore(Home(tmp_path).profiles)
+    store.create(noted, by=Named(""), at=datetime.now(UTC))
+    done = CliRunner().invoke(tree(), ["profile", "show", "P-1", "--home", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    assert [line for line in done.output.split("\n") if not line.isprintable()] == []
+    assert "web\\x9b2J\\u202ecam\\x85\\u2028" in done.output
+    assert "palm" in done.output
+
+
 def test_a_sex_that_no_table_has_is_refused_with_those_there_are(tmp_path: Path) -> None:
     arguments = ["profile", "new", "P-1", "--sex", "x", "--stature", "170", "--mass", "70"]
     done = CliRunner().invoke(tree(), [*arguments, "--home", str(tmp_path)])
