@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from enum import Enum, auto
+from os.path import realpath
 from pathlib import Path
 from typing import TypeVar
 
@@ -17,9 +18,9 @@ from msgspec import Struct
 from app.outcomes.session import SessionOutcomes, find_outcomes, patient_of_trail
 from app.system.errors import AppError
 from app.system.files import write_whole
-from app.system.paths import Home, recording_path
+from app.system.paths import RECORDING_SUFFIX, Home, recording_path
 from logs.errors import AuditError
-from logs.read import session_paths
+from logs.read import find_session, session_paths
 from logs.reading.errors import InputError
 from logs.reading.regular import read_bytes
 
@@ -33,14 +34,24 @@ class HistoryFault(Enum):
 
     OTHER_PATIENTS = auto()  # patients, sessions
     NO_SESSIONS = auto()  # patient, folder
+    ONE_NAME = auto()  # session, first, second: paths
 
 
 def outcomes_of(folder: Path, names: Sequence[str], patient: str = "") -> list[SessionOutcomes]:
     """Of sessions by name, oldest first, each once; a patient: only those of this one.
 
-    Raises AppError where they are of several patients, or one holds no outcomes; AuditError for one that is not there.
+    Raises AppError where they are of several patients, one holds no outcomes, or two files of two places have one name,
+    as those of two computers do: which of them counts is not ours to say. AuditError for one that is not there.
     """
-    by_session = {one.session: one for one in (find_outcomes(folder, name) for name in names)}
+    by_session: dict[str, SessionOutcomes] = {}
+    paths: dict[str, Path] = {}
+    for name in names:
+        path = Path(name) if Path(name).suffix == RECORDING_SUFFIX else find_session(folder, name)
+        one = find_outcomes(folder, str(path))
+        first = paths.setdefault(one.session, path)
+        if realpath(first.parent) != realpath(path.parent):
+            raise AppError(HistoryFault.ONE_NAME, session=one.session, first=first, second=path)
+        by_session[one.session] = one
     found = [one for _, one in sorted(by_session.items()) if patient in ("", one.patient)]
     if not found:
         raise AppError(HistoryFault.NO_SESSIONS, patient=patient, folder=folder)

@@ -177,6 +177,27 @@ def test_sessions_are_told_once_in_order_and_of_the_patient_asked_for(home: Path
     assert caught.value.code is HistoryFault.NO_SESSIONS
 
 
+def test_two_files_with_one_session_name_are_refused_by_their_paths(home: Path, tmp_path: Path) -> None:
+    """The trails of two computers have one name; the second one had taken the place of the first."""
+    _, second, _ = sessions(home)
+    laptop, exoskeleton = home / "logs" / f"{second}.jsonl", tmp_path / f"{second}.jsonl"
+    exoskeleton.write_bytes(laptop.read_bytes())
+    with pytest.raises(AppError) as caught:
+        outcomes_of(home / "logs", [second, str(exoskeleton)])
+    assert caught.value.code is HistoryFault.ONE_NAME
+    assert caught.value.values == {"session": second, "first": laptop, "second": exoskeleton}
+    link = tmp_path / "logs"
+    link.symlink_to(home / "logs")
+    (one,) = outcomes_of(home / "logs", [second, str(link / laptop.name), str(laptop)])
+    assert one.session == second
+
+
+def test_a_trail_and_its_recording_are_one_session(home: Path) -> None:
+    first, *_ = sessions(home)
+    (one,) = outcomes_of(home / "logs", [first, str(home / "logs" / f"{first}.mcap")])
+    assert one.session == first
+
+
 def test_a_cut_recording_is_measured_as_far_as_it_goes(home: Path, tmp_path: Path) -> None:
     first, *_ = sessions(home)
     whole = (home / "logs" / f"{first}.mcap").read_bytes()
