@@ -20,7 +20,7 @@ from hal.joints.can.bus import open_bus, remedy_command
 from hal.joints.can.scan import FoundDrive, listen, scan
 from hal.joints.codecs import CODECS
 from hal.joints.device import SHARING_INTERFACES, UNSHARED_INTERFACES, BusDevice, Exoskeleton
-from hal.joints.motors import load_motors
+from hal.joints.motors import WireProtocol, load_motors
 from hal.joints.protocol import Joint
 from logs.reason import reason, reason_of
 
@@ -49,6 +49,7 @@ class CanFinding(Enum):
     ANSWERS = "answers"
     UNDESCRIBED = "undescribed"
     OTHER_PROTOCOL = "other protocol"
+    OTHER_REPLY_ID = "other reply ID"
     SILENT = "silent"
 
 
@@ -63,6 +64,7 @@ class CanRemedy(Enum):
     CORRECT_CAN_ID = "correct can_id"
     GIVE_OWN_ID = "give each its own ID"
     CORRECT_EITHER_ID = "correct either ID"
+    CORRECT_REPLY_ID = "correct the reply ID"
     CORRECT_MOTOR = "correct the motor"
     CORRECT_MOTOR_TABLE = "correct the motor table"
     CHECK_DRIVE = "check the drive"
@@ -194,7 +196,8 @@ def evaluate_drives(
     answered = {(drive.protocol, drive.drive_id): drive for drive in found}
     ids = Counter(made.can_id for _, made in joints)
     for joint, made in joints:
-        protocol = CODECS[table.find(made.motor).protocol].traits.scan_name
+        wire = table.find(made.motor).protocol
+        protocol, reply_id = CODECS[wire].traits.scan_name, f"{made.reply_id:03X}"
         drive = answered.pop((protocol, made.can_id), None)
         if ids[made.can_id] > 1:
             yield bad(joint, reason(F.SHARED_ID_IN_DEVICE, can_id=made.can_id), reason(R.CORRECT_CAN_ID))
@@ -204,6 +207,9 @@ def evaluate_drives(
         elif drive.answers > 1:
             shared = reason(F.SHARED_ID, can_id=made.can_id, answers=drive.answers)
             yield bad(joint, shared, reason(R.GIVE_OWN_ID))
+        elif wire is WireProtocol.DAMIAO and drive.values["identifier"] != reply_id:
+            other = reason(F.OTHER_REPLY_ID, can_id=made.can_id, described=reply_id, **drive.values)
+            yield bad(joint, other, reason(R.CORRECT_REPLY_ID))
         else:
             yield good(joint, F.ANSWERS, can_id=made.can_id, protocol=protocol, detail=reason_of(drive))
     for drive in answered.values():

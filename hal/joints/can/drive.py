@@ -102,16 +102,18 @@ class Router:
         self._awaited: dict[tuple[int, int], dict[int, float]] = {}  # drive's ID, register: where its value goes
         self._by_reply_id: dict[int, Drive] = {}
         self._by_drive: dict[WireProtocol, tuple[Codec, dict[int, Drive]]] = {}
+        self._drives = drives
         shared = Counter(drive.device.reply_id for drive in drives)
         for drive in drives:
-            protocol, drive_id = drive.model.protocol, drive.device.can_id
-            self._by_drive.setdefault(protocol, (drive.codec, {}))[1][drive.reply_number] = drive
+            protocol, reply_id = drive.model.protocol, drive.device.reply_id
             if not drive.codec.traits.read_only:
-                commanding = drive.codec.command(drive_id, NEUTRAL)
+                commanding = drive.codec.command(drive.device.can_id, NEUTRAL)
                 self._commands[(commanding.arbitration_id, commanding.extended)] = drive
-            # a Damiao drive with a master ID of its own is known by it: data[0] has only four bits of the ID
-            if protocol is WireProtocol.DAMIAO and drive.device.reply_id and shared[drive.device.reply_id] == 1:
-                self._by_reply_id[drive.device.reply_id] = drive
+            # A Damiao drive with a master ID of its own is known by it alone: data[0] has only four bits of the ID.
+            if protocol is WireProtocol.DAMIAO and reply_id and shared[reply_id] == 1:
+                self._by_reply_id[reply_id] = drive
+            else:
+                self._by_drive.setdefault(protocol, (drive.codec, {}))[1][drive.reply_number] = drive
 
     def deliver(self, frame: Frame, measured_ns: int) -> BusReport | None:
         """Hand a frame to its drive; what is wrong with it otherwise."""
@@ -142,9 +144,10 @@ class Router:
         return self._commands.get((frame.arbitration_id, frame.extended))
 
     def _claimed(self, frame: Frame) -> Drive | None:
-        """The drive that a frame names as its sender."""
-        if not frame.extended and frame.arbitration_id in self._by_reply_id:
-            return self._by_reply_id[frame.arbitration_id]
+        """The drive that a frame names as its sender; nobody where identifier and number name two."""
+        owner = None if frame.extended else self._by_reply_id.get(frame.arbitration_id)
+        if owner is not None:
+            return owner if owner.codec.replier(frame) == owner.reply_number else None
         for codec, by_drive in self._by_drive.values():
             drive_id = codec.replier(frame)
             if drive_id is not None and drive_id in by_drive:
@@ -156,7 +159,9 @@ class Router:
         reported = self._awaited.get((value.drive_id, value.register)) if value is not None else None
         if value is None or reported is None:
             return False
-        reported[value.register] = value.value
+        owner = self._by_reply_id.get(frame.arbitration_id)
+        if owner is None or owner.device.can_id == value.drive_id:  # the whole ID, of which a status has four bits
+            reported[value.register] = value.value
         return True
 
     def _is_impostor(self, drive: Drive, frame: Frame) -> bool:
@@ -178,7 +183,7 @@ class Router:
         return BusReport(BusFault.UNKNOWN_ID, CanFault.UNKNOWN_SENDER, values)
 
     def _is_own_echo(self, frame: Frame) -> bool:
-        return any(drive.is_echo(frame.data) for _, by_drive in self._by_drive.values() for drive in by_drive.values())
+        return any(drive.is_echo(frame.data) for drive in self._drives)
 
 
 def _take_in(drive: Drive, frame: Frame, measured_ns: int) -> BusReport | None:

@@ -14,12 +14,12 @@ from app.diagnostics.findings import Finding, Grade
 from app.text.catalogue import render
 from hal.joints.can.bus import with_bus
 from hal.joints.can.scan import FoundDrive, ScanReply
-from hal.joints.device import BusDevice, Exoskeleton, load_exoskeleton
+from hal.joints.device import BusDevice, Exoskeleton, JointDevice, load_exoskeleton
 from hal.joints.emulator.emulator import DriveEmulator
 from hal.joints.protocol import Joint
 from logs.reason import key_of, reason
 from testing.emulated_drives import emulating
-from tests.support.can_rig import with_motor
+from tests.support.can_rig import each_joint, with_motor
 
 CAN0 = BusDevice()
 MIT = "MIT (AK V1/V2, bgkatz)"
@@ -107,6 +107,21 @@ def test_a_drive_in_another_protocol_is_reported() -> None:
     finding = evaluated([*answers()[1:], FoundDrive("Damiao", 1, 1, *ON_ID)])[Joint.LEFT_HIP]
     assert (finding.what.code, finding.what.values["protocol"]) == (key_of(F.OTHER_PROTOCOL), "Damiao")
     assert finding.remedy == reason(CanRemedy.CORRECT_MOTOR)
+
+
+def test_a_damiao_drive_that_answers_on_another_identifier_than_described_is_reported() -> None:
+    device = with_motor("DM10010/default")
+    exchanged = {0x11: 0x12, 0x12: 0x11}
+
+    def change(_: int, joint: JointDevice) -> JointDevice:
+        return msgspec.structs.replace(joint, reply_id=exchanged.get(joint.reply_id, joint.reply_id))
+
+    with emulating(DriveEmulator(each_joint(device, change))):
+        findings = {finding.subject: finding for finding in examine(device, None)}
+    assert [findings[joint].grade for joint in Joint] == [Grade.BAD] * 2 + [Grade.GOOD] * 2
+    values = {"can_id": 1, "identifier": "012", "described": "011"}
+    assert findings[Joint.LEFT_HIP].what == reason(F.OTHER_REPLY_ID, **values)
+    assert findings[Joint.LEFT_HIP].remedy == reason(CanRemedy.CORRECT_REPLY_ID)
 
 
 def test_a_drive_nobody_described_is_reported() -> None:

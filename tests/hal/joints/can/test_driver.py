@@ -189,6 +189,17 @@ def test_frames_of_others_become_flags(make_rig: MakeRig, message: can.Message, 
         rig.until(lambda now: flag in now.bus, HOLD)
 
 
+def test_a_strangers_frame_that_names_a_damiao_drive_is_not_its_answer(make_rig: MakeRig) -> None:
+    """It reads as the knee's answer without power; that drive answers on an identifier of its own."""
+    device = with_motor("DM10010/default")
+    rig = make_rig(device)
+    start(rig)
+    with another_sender(device) as bus:
+        bus.send(can.Message(arbitration_id=0x181, is_extended_id=False, data=bytes.fromhex("0200640000000000")))
+        feedback = rig.until(lambda now: BusFault.UNKNOWN_ID in now.bus, HOLD)
+    assert (feedback.state, set(feedback.faults)) == (DriveState.ENABLED, {DriveFault.NONE})
+
+
 def test_a_fault_never_heals_into_enabled(rig: CanRig) -> None:
     rig.emulator.inject(Fault.ERROR, KNEE, 1)
     rig.until(lambda now: now.state is DriveState.FAULTED, HOLD)

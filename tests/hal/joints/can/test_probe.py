@@ -21,6 +21,7 @@ from tests.support.can_rig import (
     answer_with_power_alone,
     assert_damping,
     command,
+    each_joint,
     listening,
     small_gear,
     with_motor,
@@ -95,6 +96,34 @@ def test_a_drive_that_reports_no_register_is_refused(make_rig: MakeRig, monkeypa
     rig = make_rig(with_motor("DM8009/default", max_torque_nm=50.0))
     lose(monkeypatch, rig.emulator.drives[KNEE], 100, lambda frame: frame.arbitration_id == damiao.REGISTER_ID)
     with refused(DrivesFault.RANGES_UNREPORTED, joint=KNEE):
+        rig.joints.open(rig.now_ns())
+
+
+def with_reply_ids_exchanged(device: Exoskeleton) -> Exoskeleton:
+    """The left hip's drive answers on the left knee's identifier, and the other way round."""
+    hip, knee = device.left_hip, device.left_knee
+    return msgspec.structs.replace(
+        device,
+        left_hip=msgspec.structs.replace(hip, reply_id=knee.reply_id),
+        left_knee=msgspec.structs.replace(knee, reply_id=hip.reply_id),
+    )
+
+
+def test_damiao_drives_whose_reply_ids_are_exchanged_are_refused(make_rig: MakeRig) -> None:
+    device = with_motor("DM10010/default")
+    rig = make_rig(device, with_reply_ids_exchanged(device))
+    with refused(DrivesFault.NO_REPLY_BUS_FAULT, joints=(Joint.LEFT_HIP, KNEE)):
+        rig.joints.open(rig.now_ns())
+
+
+def test_exchanged_reply_ids_of_drives_that_share_four_bits_show_in_their_registers(make_rig: MakeRig) -> None:
+    ids = (0x01, 0x11, 0x21, 0x31)
+    device = each_joint(
+        with_motor("DM10010/default"),
+        lambda number, joint: msgspec.structs.replace(joint, can_id=ids[number], reply_id=0x51 + number),
+    )
+    rig = make_rig(device, with_reply_ids_exchanged(device))
+    with refused(DrivesFault.RANGES_UNREPORTED, joint=Joint.LEFT_HIP):
         rig.joints.open(rig.now_ns())
 
 
