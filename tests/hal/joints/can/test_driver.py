@@ -580,7 +580,8 @@ def test_a_command_that_is_no_number_becomes_damping_and_is_reported(rig: CanRig
         ),
         command(float("nan")),
     )
-    assert rig.emulator.drives[0].effective(rig.now_ns()).damping_nm_s_rad == pytest.approx(4.0, abs=0.01)
+    damping = pytest.approx(4.0, abs=0.01)
+    rig.until(lambda _: rig.emulator.drives[0].effective(rig.now_ns()).damping_nm_s_rad == damping)
 
 
 def test_a_closed_bus_is_an_interface_gone_not_an_exception(make_rig: MakeRig) -> None:
