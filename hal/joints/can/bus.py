@@ -77,7 +77,11 @@ def _check_link(bus: BusDevice) -> None:
     flags = Path("/sys/class/net", bus.channel, "flags")
     if bus.channel in ("", ".", "..") or "/" in bus.channel or not flags.exists():
         raise HardwareError(CanFault.NO_INTERFACE, bus=bus.channel, command=remedy_command(bus))
-    if not int(flags.read_text(), 16) & IFF_UP:
+    try:
+        up = int(flags.read_text(), 16) & IFF_UP
+    except OSError as error:  # it has gone since
+        raise HardwareError(CanFault.NO_INTERFACE, bus=bus.channel, command=remedy_command(bus)) from error
+    if not up:
         raise HardwareError(CanFault.INTERFACE_DOWN, bus=bus.channel, command=remedy_command(bus, exists=True))
 
 

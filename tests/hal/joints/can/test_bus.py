@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import os
 import random
 import socket
 import struct
@@ -224,6 +225,17 @@ def test_an_interface_that_is_there_but_down_is_only_brought_up(
     monkeypatch.setattr("hal.joints.can.bus.Path", lambda _, *parts: tmp_path.joinpath(*parts))
     with refused(CanFault.INTERFACE_DOWN, bus="vcan7", command="sudo ip link set vcan7 up"):
         open_bus(BusDevice(channel="vcan7"))
+
+
+def test_an_interface_that_goes_while_it_is_looked_at_is_none(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The kernel's file is there, and can't be read any more."""
+
+    def read_text(_: Path) -> str:
+        raise OSError(errno.ENODEV, os.strerror(errno.ENODEV))
+
+    monkeypatch.setattr(Path, "read_text", read_text)
+    with refused(CanFault.NO_INTERFACE, bus="lo"):
+        open_bus(BusDevice(channel="lo"))
 
 
 @pytest.mark.parametrize(
