@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import errno
+import os
+import time
 from collections.abc import Iterable
 from itertools import combinations
 from pathlib import Path
@@ -105,3 +108,18 @@ def frame_bits(payload: int, *, extended: bool) -> int:
 def bus_load(bits_a_tick: Iterable[int], *, bitrate: int) -> float:
     """The share of a bus that these frames fill at the tick rate."""
     return sum(bits_a_tick) * TICK_HZ / bitrate
+
+
+class AbsentBus(can.BusABC):
+    """In place of a bus that can't be opened: takes nothing, and nothing comes."""
+
+    def __init__(self, channel: str) -> None:
+        super().__init__(channel)
+
+    def send(self, msg: can.Message, timeout: float | None = None) -> None:  # noqa: ARG002 - python-can's
+        """Raises CanOperationError."""
+        raise can.CanOperationError(os.strerror(errno.ENODEV), errno.ENODEV)
+
+    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
+        time.sleep(timeout or 0.0)
+        return None, True

@@ -15,7 +15,7 @@ import numpy as np
 
 from hal.errors import CanFault, DrivesFault, HardwareError
 from hal.joints.can import lifecycle
-from hal.joints.can.bus import open_bus
+from hal.joints.can.bus import AbsentBus, open_bus
 from hal.joints.can.description import check_description
 from hal.joints.can.drive import Drive, Router, drives_of
 from hal.joints.can.port import BusPort
@@ -45,6 +45,7 @@ class SocketCanJoints:
         self._state = DriveState.UNCONFIGURED
         self._ports: list[BusPort] = []
         self._routers: list[Router] = []
+        self._absent: dict[int, HardwareError] = {}  # buses that could not be opened, while the others are used
         self._enabled_ns = 0
         self._polled_ns = 0
         self.unconfirmed: list[Drive] = []  # were enabled, and have not confirmed that they are off
@@ -59,16 +60,22 @@ class SocketCanJoints:
     def open(self, now_ns: int) -> None:
         """Probe: who answers, and with which ranges where the drive reports them.
 
-        Raises HardwareError naming the bus or the joint.
+        Raises HardwareError naming the bus or the joint. Drives that may have been left on lose their torque also where
+        another bus is missing.
         """
         if self._ports:
             raise HardwareError(DrivesFault.ALREADY_OPEN)
         for drive in self.drives:
             drive.range_check = RangeCheck()
         try:
-            self._open_ports(now_ns)
-            if self._damp_first and self._state is DriveState.UNCONFIGURED:  # later they have been off
-                lifecycle.damp_left_on(self, self.drives)
+            left_on = self._damp_first and self._state is DriveState.UNCONFIGURED  # later they have been off
+            self._open_ports(now_ns, in_part=left_on)
+            reachable = [drive for drive in self.drives if drive.device.can_bus not in self._absent]
+            if left_on:
+                lifecycle.damp_left_on(self, reachable)
+            if self._absent:
+                lifecycle.confirm_off(self, reachable)
+                raise next(iter(self._absent.values()))
             lifecycle.probe(self)
             self._unasked = frozenset(joint for joint in Joint if joint not in self.questions)
         except HardwareError:
@@ -121,14 +128,14 @@ class SocketCanJoints:
         """Damp, disable, confirm, release.
 
         Raises HardwareError, after releasing, when a drive that was enabled did not confirm that it is off; the next
-        call asks it again, over buses opened anew: an adapter may have been plugged in meanwhile. Until it has
-        confirmed it counts as one that has never answered.
+        call asks it again, over those buses that can be opened anew: an adapter may have been plugged in meanwhile.
+        Until it has confirmed it counts as one that has never answered.
         """
         if not self._ports and not self.unconfirmed:
             return
         try:
             if not self._ports:
-                self._open_ports(now_ns)
+                self._open_ports(now_ns, in_part=True)
             if self._state in _POWERED:
                 self.unconfirmed = lifecycle.disable(self)
             elif self.unconfirmed:  # those alone: one that was out of reach may still be stiff
@@ -138,6 +145,8 @@ class SocketCanJoints:
             self._release()
             for drive in self.unconfirmed:
                 drive.measured_ns = 0
+        if self.unconfirmed and self._absent:
+            raise next(iter(self._absent.values()))
         if self.unconfirmed:
             joints = tuple(drive.joint for drive in self.unconfirmed)
             raise HardwareError(DrivesFault.NOT_CONFIRMED_OFF, joints=joints)
@@ -195,9 +204,18 @@ class SocketCanJoints:
     def _on_bus(self, number: int) -> list[Drive]:
         return [drive for drive in self.drives if drive.device.can_bus == number]
 
-    def _open_ports(self, now_ns: int) -> None:
-        for bus in self.device.buses:  # one by one: `_release` closes those before one that fails
-            self._ports.append(BusPort(open_bus(bus), f"{bus.channel} ({bus.interface})", now_ns))
+    def _open_ports(self, now_ns: int, *, in_part: bool = False) -> None:
+        """in_part: without those that fail, unless all do. Raises HardwareError."""
+        self._absent = {}
+        for number, bus in enumerate(self.device.buses):  # one by one: `_release` closes those before one that fails
+            try:
+                opened = open_bus(bus)
+            except HardwareError as error:
+                self._absent[number] = error
+                if not in_part or len(self._absent) == len(self.device.buses):
+                    raise
+                opened = AbsentBus(bus.channel)
+            self._ports.append(BusPort(opened, f"{bus.channel} ({bus.interface})", now_ns))
         self._routers = [Router(self._on_bus(number)) for number in range(len(self._ports))]
 
     def _release(self) -> None:
