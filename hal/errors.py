@@ -126,6 +126,8 @@ class CanFault(Enum):
     LOG_UNREADABLE = auto()
     LOG_UNWRITABLE = auto()
     LOG_DISK_LOW = auto()
+    LOG_PAUSED = auto()  # bus, detail
+    LOG_RESUMED = auto()  # bus, missing_s
     CONTROLLER_OFF = auto()
     ARBITRATION_LOST = auto()
     NOT_ACKNOWLEDGED = auto()

@@ -25,7 +25,7 @@ from app.system.authority import Subject
 from app.system.legs_lock import claim_buses
 from app.system.operators import Permission
 from app.system.paths import find_home
-from app.text.catalogue import tr
+from app.text.catalogue import render, tr
 from hal.errors import DeviceFault, HardwareError
 from hal.joints.can.bus import open_bus
 from hal.joints.can.candump import LogDecoder, LogSummary, messages_of, open_log
@@ -34,7 +34,7 @@ from hal.joints.can.scan import BusMonitor, listen
 from hal.joints.can.scan import scan as scan_bus
 from hal.joints.device import JOINT_NAMES, Exoskeleton, Joint
 from logs.disk import FLOOR_BYTES
-from logs.reason import sanitize_terminal
+from logs.reason import reason_of, sanitize_terminal
 
 cli = typer.Typer(no_args_is_help=True)
 
@@ -185,7 +185,11 @@ def record(
     """Record everything on the bus as candump would. A session on CAN does this by itself, beside its audit log."""
     console = Console()
     described, _ = described_drives(home, device, interface, channel)
-    recorder = BusRecorder(described, file, floor_bytes=FLOOR_BYTES)
+
+    def report(gap: HardwareError) -> None:
+        console.print(sanitize_terminal(render(reason_of(gap))), soft_wrap=True, markup=False)
+
+    recorder = BusRecorder(described, file, floor_bytes=FLOOR_BYTES, report=report)
     end_s = time.monotonic() + seconds if seconds else float("inf")
     try:
         with console.status(Text(sanitize_terminal(tr("can.recording", path=file)))):

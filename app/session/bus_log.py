@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+from collections.abc import Callable
 from contextlib import closing
 from enum import Enum
 from pathlib import Path
@@ -34,7 +35,7 @@ def log_path(home: Home, session: str) -> Path:
 
 
 def run_bus_log(setup: SessionSetup) -> None:
-    """Record until asked to end or orphaned. What can't be opened or written is noted in the audit trail."""
+    """Record until asked to end or orphaned. What can't be written, and each gap, is noted in the audit trail."""
     sink = AuditSink(setup.links, "bus log", setup.operator)
     asked: list[int] = []  # signals to end that came
     signal.signal(signal.SIGTERM, lambda number, _: asked.append(number))
@@ -43,7 +44,7 @@ def run_bus_log(setup: SessionSetup) -> None:
     linger_s = 1.0
     sink.emit(ProcessStart(pid=os.getpid()))
     try:
-        _record(setup, asked)
+        _record(setup, asked, lambda gap: sink.emit(Note(text=reason_of(gap))))
         cause = reason(BusLogNotice.ASKED_TO_END if asked else BusLogNotice.CONSOLE_GONE)
     except HardwareError as error:
         cause = reason(BusLogNotice.NOT_RECORDED, cause=reason_of(error))
@@ -53,10 +54,11 @@ def run_bus_log(setup: SessionSetup) -> None:
     sink.close(linger_s)
 
 
-def _record(setup: SessionSetup, asked: list[int]) -> None:
+def _record(setup: SessionSetup, asked: list[int], report: Callable[[HardwareError], None]) -> None:
     chosen, home = setup.config.joints, Home(setup.home)
     device = load_device(chosen)
     home.logs.mkdir(parents=True, exist_ok=True, mode=0o700)
     buses = with_bus(device, chosen.interface, chosen.channel)
-    with closing(BusRecorder(buses, log_path(home, setup.session), floor_bytes=FLOOR_BYTES)) as recorder:
+    path = log_path(home, setup.session)
+    with closing(BusRecorder(buses, path, floor_bytes=FLOOR_BYTES, waits=True, report=report)) as recorder:
         recorder.run(lambda: bool(asked) or setup.orphaned)

@@ -69,6 +69,12 @@ def fault_of(error: Exception) -> BusFault:
     return BusFault.INTERFACE_GONE if number in _GONE else BusFault.SEND_FAILED
 
 
+def is_malformed(error: Exception) -> bool:
+    """Whether a failed receive means something that was no frame; else the interface is gone."""
+    cause = error.__cause__
+    return isinstance(error, _MALFORMED_ERRORS) or (cause is not None and not isinstance(cause, OSError))
+
+
 def message_of(frame: Frame) -> can.Message:
     """A frame as python-can sends it."""
     return can.Message(arbitration_id=frame.arbitration_id, is_extended_id=frame.extended, data=frame.data)
@@ -212,8 +218,7 @@ class BusPort:
             return None
 
     def _report_receiving(self, error: Exception) -> None:
-        broken = error.__cause__ is not None and not isinstance(error.__cause__, OSError)
-        if broken or isinstance(error, _MALFORMED_ERRORS):
+        if is_malformed(error):
             self.report(BusFault.MALFORMED, CanFault.NOT_A_CAN_FRAME, detail=str(error))
         else:
             self.report(BusFault.INTERFACE_GONE, CanFault.RECEIVE_FAILED, detail=str(error))

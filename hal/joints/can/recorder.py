@@ -13,10 +13,10 @@ from pathlib import Path
 import can
 
 from hal.errors import CanFault, HardwareError
-from hal.joints.can.bus import open_bus
+from hal.joints.can.bus import AbsentBus, open_bus
 from hal.joints.can.candump import ERROR_FLAG, file_channel
-from hal.joints.can.port import RECEIVE_ERRORS
-from hal.joints.device import Exoskeleton
+from hal.joints.can.port import RECEIVE_ERRORS, is_malformed
+from hal.joints.device import BusDevice, Exoskeleton
 from logs.reading.errors import cause_of
 
 FLUSH_S = 0.5
@@ -29,9 +29,24 @@ _PAUSE_S = 0.02  # frames are fetched by the batch: waking for each would cost p
 class BusRecorder:
     """Writes candump's `-L` format through python-can's own writer: can-utils read it, `rleex can decode` too."""
 
-    def __init__(self, device: Exoskeleton, path: Path, *, floor_bytes: int = 0) -> None:
-        """floor_bytes: of the disk stay free. Raises HardwareError when the file or a bus can't be opened."""
+    def __init__(
+        self,
+        device: Exoskeleton,
+        path: Path,
+        *,
+        floor_bytes: int = 0,
+        waits: bool = False,
+        report: Callable[[HardwareError], None] = lambda _: None,
+    ) -> None:
+        """floor_bytes: of the disk stay free. waits: a bus that can't be opened is recorded once it can be.
+
+        report: told of each bus that is not recorded any more, or again; a line of the log may be a frame only.
+        Raises HardwareError when the file can't be opened, or a bus that is not waited for.
+        """
         self.frames = 0
+        self._device = device
+        self._report = report
+        self._absent_since_s: dict[int, float] = {}
         self._path = path
         self._floor_bytes = floor_bytes
         self._flushed_s = 0.0
@@ -41,12 +56,11 @@ class BusRecorder:
             raise HardwareError(CanFault.LOG_UNWRITABLE, path=path, detail=str(error)) from error
         self._buses: list[can.BusABC] = []
         try:
-            self._buses = [open_bus(bus) for bus in device.buses]
+            for number in range(len(device.buses)):
+                self._buses.append(self._open(number, waits=waits))
         except HardwareError:
-            self._file.close()
+            self.close()
             raise
-        for bus in self._buses:
-            _widen(bus)
         self._writers = [can.CanutilsLogWriter(self._file, channel=file_channel(bus.channel)) for bus in device.buses]
 
     def run(self, stopped: Callable[[], bool]) -> None:
@@ -59,8 +73,7 @@ class BusRecorder:
     def close(self) -> None:
         """Release file and buses; an adapter may be gone, and what can't be written has been reported."""
         for bus in self._buses:
-            with suppress(can.CanError, OSError):
-                bus.shutdown()
+            _release(bus)
         with suppress(OSError):
             self._file.close()
 
@@ -68,12 +81,13 @@ class BusRecorder:
         try:
             while not stopped():
                 time.sleep(_PAUSE_S)
-                for bus, writer in zip(self._buses, self._writers, strict=True):
-                    self._take(bus, writer)
+                for number in range(len(self._buses)):
+                    self._take(number)
                 if time.monotonic() - self._flushed_s >= FLUSH_S:
                     self._file.flush()
                     self._flushed_s = time.monotonic()
                     self._check_disk()
+                    self._reopen()
         finally:  # also when interrupted
             self._file.flush()
 
@@ -82,12 +96,44 @@ class BusRecorder:
         if free_bytes < self._floor_bytes:
             raise HardwareError(CanFault.LOG_DISK_LOW, path=self._path, free_bytes=free_bytes)
 
-    def _take(self, bus: can.BusABC, writer: can.CanutilsLogWriter) -> None:
+    def _open(self, number: int, *, waits: bool) -> can.BusABC:
+        bus = self._device.buses[number]
+        try:
+            return _opened(bus)
+        except HardwareError as error:
+            if not waits:
+                raise
+            return self._without(number, error)
+
+    def _without(self, number: int, detail: HardwareError | str) -> can.BusABC:
+        """Of the bus nothing is recorded from now on."""
+        channel = self._device.buses[number].channel
+        self._absent_since_s[number] = time.monotonic()
+        self._report(HardwareError(CanFault.LOG_PAUSED, bus=channel, detail=detail))
+        return AbsentBus(channel)
+
+    def _reopen(self) -> None:
+        """An adapter that is plugged in again is another interface: the socket of before stays without a frame."""
+        for number, since_s in tuple(self._absent_since_s.items()):
+            bus = self._device.buses[number]
+            with suppress(HardwareError):
+                opened = _opened(bus)
+                _release(self._buses[number])
+                self._buses[number] = opened
+                del self._absent_since_s[number]
+                missing_s = round(time.monotonic() - since_s, 1)
+                self._report(HardwareError(CanFault.LOG_RESUMED, bus=bus.channel, missing_s=missing_s))
+
+    def _take(self, number: int) -> None:
+        bus, writer = self._buses[number], self._writers[number]
         for _ in range(_BATCH):
             try:
                 message = bus.recv(0)
-            except RECEIVE_ERRORS:
-                return  # an interface that is gone may come back; control reports it meanwhile
+            except RECEIVE_ERRORS as error:
+                if not is_malformed(error):
+                    _release(bus)
+                    self._buses[number] = self._without(number, str(error))
+                return
             if message is None:
                 return
             message.channel = None  # the writer's own name: can-utils can't read a multicast address
@@ -101,6 +147,19 @@ class BusRecorder:
 def _error_line(message: can.Message, channel: str) -> str:
     """As candump writes an error frame; python-can's writer loses what it means."""
     return f"({message.timestamp:f}) {channel} {ERROR_FLAG | message.arbitration_id:08X}#{message.data.hex().upper()}\n"
+
+
+def _opened(bus: BusDevice) -> can.BusABC:
+    """Raises HardwareError."""
+    opened = open_bus(bus)
+    _widen(opened)
+    return opened
+
+
+def _release(bus: can.BusABC) -> None:
+    """Some adapters are spoken to once more, and may be gone."""
+    with suppress(can.CanError, OSError):
+        bus.shutdown()
 
 
 def _widen(bus: can.BusABC) -> None:

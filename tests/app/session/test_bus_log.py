@@ -42,12 +42,17 @@ def test_the_end_of_the_disk_is_left_to_the_trail(tmp_path: Path, monkeypatch: p
     monkeypatch.setattr(bus_log, "FLOOR_BYTES", 1 << 62)
     joints = JointsConfig(kind="can", interface="virtual", channel="bus log")
     with in_time(), refused(CanFault.LOG_DISK_LOW, path=bus_log.log_path(Home(tmp_path), "s")):
-        bus_log._record(msgspec.structs.replace(setup_of(tmp_path, joints), host_pid=os.getppid()), [])
+        bus_log._record(msgspec.structs.replace(setup_of(tmp_path, joints), host_pid=os.getppid()), [], print)
 
 
 @pytest.mark.serial
-def test_a_bus_that_can_not_be_opened_is_the_reason_of_its_end(tmp_path: Path) -> None:
+@pytest.mark.parametrize("writable", [True, False])
+def test_a_bus_that_is_not_there_is_waited_for_and_a_file_that_can_not_be_written_ends_it(
+    tmp_path: Path, *, writable: bool
+) -> None:
     setup = setup_of(tmp_path, JointsConfig(kind="can", interface="socketcan", channel="absent"))
+    if not writable:
+        bus_log.log_path(Home(tmp_path), "s").mkdir(parents=True)
     receiver = OrderedReceiver(address(setup.links, AUDIT.name), Entry)
     process = multiprocessing.get_context("spawn").Process(target=run_bus_log, args=(setup,), daemon=True)
     process.start()
@@ -57,6 +62,8 @@ def test_a_bus_that_can_not_be_opened_is_the_reason_of_its_end(tmp_path: Path) -
             entry = receiver.receive(LIMIT_S)
             assert entry is not None
             found.append(entry.body)
+            if writable and isinstance(entry.body, Note):
+                process.terminate()
     finally:
         process.kill()
         process.join()
@@ -65,5 +72,10 @@ def test_a_bus_that_can_not_be_opened_is_the_reason_of_its_end(tmp_path: Path) -
     assert isinstance(note, Note)
     assert isinstance(end, ProcessEnd)
     assert isinstance(note.text, Reason)
-    assert note.text.code == "BusLogNotice.NOT_RECORDED"
-    assert end.reason == note.text
+    assert isinstance(end.reason, Reason)
+    if writable:
+        assert note.text.values["bus"] == "absent"
+        assert (note.text.code, end.reason.code) == ("CanFault.LOG_PAUSED", "BusLogNotice.ASKED_TO_END")
+    else:
+        assert end.reason == note.text
+        assert note.text.code == "BusLogNotice.NOT_RECORDED"

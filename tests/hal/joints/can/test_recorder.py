@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+import errno
+import os
 import threading
+from collections.abc import Callable
 from pathlib import Path
 
+import can
 import pytest
 
-from hal.errors import CanFault
+from hal.errors import CanFault, HardwareError
 from hal.joints.can.bus import open_bus
 from hal.joints.can.candump import FrameKind, LogDecoder, LogSummary, messages_of
 from hal.joints.can.port import CAN_ERR_BUSOFF, BusPort, message_of
 from hal.joints.can.recorder import BusRecorder
 from hal.joints.codecs.mit import special_frame
 from hal.joints.codecs.wire import Order
+from hal.joints.device import BusDevice
 from tests.support.bad_input import in_time
+from tests.support.breaking_bus import BreakingBus
 from tests.support.can_rig import until, with_motor
 from tests.support.errors import refused
 
@@ -53,6 +59,70 @@ def test_the_end_of_the_disk_is_left_to_others(tmp_path: Path) -> None:
     with in_time(), refused(CanFault.LOG_DISK_LOW, path=path):
         recorder.run(lambda: False)
     recorder.close()
+
+
+@pytest.fixture
+def reported(monkeypatch: pytest.MonkeyPatch) -> list[HardwareError]:
+    """What a recorder reports, which looks for its buses at each turn."""
+    monkeypatch.setattr("hal.joints.can.recorder.FLUSH_S", 0.0)
+    return []
+
+
+def gone(bus: BusDevice) -> can.BusABC:
+    raise HardwareError(CanFault.NO_INTERFACE, bus=bus.channel, command="")
+
+
+def unplugged(_: BusDevice) -> can.BusABC:
+    return BreakingBus(receiving=can.CanOperationError(os.strerror(errno.ENODEV), errno.ENODEV))
+
+
+@pytest.mark.parametrize("before", [gone, unplugged])
+def test_an_adapter_that_is_plugged_in_is_recorded_and_the_gap_is_reported(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    reported: list[HardwareError],
+    before: Callable[[BusDevice], can.BusABC],
+) -> None:
+    device = with_motor("AK80-64/V2")
+    openings = [before, gone, open_bus]
+
+    def opened(bus: BusDevice) -> can.BusABC:
+        return openings.pop(0)(bus)
+
+    monkeypatch.setattr("hal.joints.can.recorder.open_bus", opened)
+    recorder = BusRecorder(device, tmp_path / "bus.can.log", waits=True, report=reported.append)
+
+    with open_bus(device.buses[0]) as bus, in_time():
+
+        def recorded() -> bool:
+            if len(reported) == 2:
+                bus.send(message_of(special_frame(1, Order.DISABLE)))
+            return recorder.frames > 0
+
+        recorder.run(recorded)
+    recorder.close()
+    assert [gap.code for gap in reported] == [CanFault.LOG_PAUSED, CanFault.LOG_RESUMED]
+    assert {gap.values["bus"] for gap in reported} == {device.buses[0].channel}
+    assert (tmp_path / "bus.can.log").read_text().split()[2] == "001#FFFFFFFFFFFFFFFD"
+
+
+def test_a_frame_that_was_cut_makes_no_gap(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reported: list[HardwareError]
+) -> None:
+    """slcan raises this; opening the adapter anew would lose frames."""
+    bus = BreakingBus(receiving=ValueError("non-hexadecimal number"))
+    monkeypatch.setattr("hal.joints.can.recorder.open_bus", lambda _: bus)
+    recorder = BusRecorder(with_motor("AK80-64/V2"), tmp_path / "bus.can.log", report=reported.append)
+    turns = iter(range(3))
+    recorder.run(lambda: next(turns, None) is None)
+    recorder.close()
+    assert not reported
+
+
+def test_a_bus_that_is_not_waited_for_must_be_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("hal.joints.can.recorder.open_bus", gone)
+    with refused(CanFault.NO_INTERFACE):
+        BusRecorder(with_motor("AK80-64/V2"), tmp_path / "bus.can.log")
 
 
 def test_a_controller_that_leaves_the_bus_is_recorded_as_that(tmp_path: Path) -> None:

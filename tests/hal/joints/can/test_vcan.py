@@ -15,7 +15,7 @@ from pathlib import Path
 import can
 import pytest
 
-from hal.errors import DrivesFault
+from hal.errors import CanFault, DrivesFault
 from hal.joints.can.bus import with_bus
 from hal.joints.can.recorder import BusRecorder
 from hal.joints.emulator.faults import Fault
@@ -161,6 +161,36 @@ def test_an_interface_that_vanishes_is_reported_and_never_raised(make_rig: MakeR
     with refused(DrivesFault.NOT_CONFIRMED_OFF):
         rig.joints.close(rig.now_ns())
     subprocess.run(["ip", "link", "delete", channel], check=True)
+
+
+def test_an_interface_that_comes_back_is_recorded_again(tmp_path: Path) -> None:
+    _, usual = bus_of_test()
+    channel = f"{usual}log"
+    device = with_bus(with_motor("AK80-64/V2"), "socketcan", channel)
+    commands = (["link", "add", channel, "type", "vcan"], ["link", "set", channel, "up"])
+
+    def plug_in() -> None:
+        for step in commands:
+            subprocess.run(["ip", *step], check=True)
+
+    plug_in()
+    gaps: list[CanFault] = []
+    log = tmp_path / "bus.can.log"
+    recorder, stop = BusRecorder(device, log, report=lambda gap: gaps.append(gap.code)), threading.Event()
+    thread = threading.Thread(target=recorder.run, args=(stop.is_set,))
+    thread.start()
+    try:
+        subprocess.run(["ip", "link", "delete", channel], check=True)
+        until(lambda: gaps == [CanFault.LOG_PAUSED])
+        plug_in()
+        until(lambda: gaps == [CanFault.LOG_PAUSED, CanFault.LOG_RESUMED])
+        until(lambda: _sent(channel) or recorder.frames)
+    finally:
+        stop.set()
+        thread.join()
+        recorder.close()
+        subprocess.run(["ip", "link", "delete", channel], check=True)
+    assert f" {channel} 7DF#00" in log.read_text()
 
 
 def _sent(channel: str) -> bool:
