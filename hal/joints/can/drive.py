@@ -15,6 +15,10 @@ from hal.joints.device import Exoskeleton, JointDevice
 from hal.joints.motors import MotorModel, WireProtocol, load_motors
 from hal.joints.protocol import BusFault, DriveFault, Joint
 
+# A drive that restarts is silent, then answers without torque, and an MIT reply does not say so. 250 ms of commands
+# (chosen, not measured). Not counted in time: a host that stands still sends none.
+_RESTARTED_AFTER = 125
+
 
 class Drive:
     """A drive's commands out and replies in. Angles here are at the joint."""
@@ -32,10 +36,13 @@ class Drive:
         self.enabled: bool | None = None
         self.latched = DriveFault.NONE  # every fault since enabling began
         self.replies = 0
+        self.replies_before = 0  # the newest command
+        self.silent_commands = 0  # in a row that it left unanswered while another drive of its bus answered
         self.reply_size = 0  # bytes of the newest reply
         self.requests = RequestTracker()
         self.range_check = RangeCheck()
         self._recent: deque[bytes] = deque(maxlen=8)
+        self._powers_itself = self.codec.traits.enabled_by_command  # by the next set-point, after a restart too
 
     @property
     def identity(self) -> dict[str, object]:
@@ -84,6 +91,8 @@ class Drive:
         # combining flags costs microseconds, and this runs two thousand times a second: only when there is one
         verdict = self.range_check.check(reply.position_rad, reply.velocity_rad_s, measured_ns)
         self.faults = reply.faults if verdict is DriveFault.NONE else reply.faults | verdict
+        if self.silent_commands > _RESTARTED_AFTER and reply.enabled is None and not self._powers_itself:
+            self.latched |= DriveFault.UNEXPECTEDLY_DISABLED
         if self.faults is not DriveFault.NONE:
             self.latched |= self.faults
 
@@ -92,6 +101,15 @@ def drives_of(device: Exoskeleton, motors: Path | None = None) -> tuple[Drive, .
     """The device's four drives. Raises HardwareError for an unknown motor."""
     table = load_motors(motors)
     return tuple(Drive(joint, device.joints[joint], table.find(device.joints[joint].motor)) for joint in Joint)
+
+
+def count_silences(drives: list[Drive]) -> None:
+    """Before each command to these drives of one bus; where none has answered the last one, the bus was silent."""
+    if any(drive.replies != drive.replies_before for drive in drives):
+        for drive in drives:
+            silent = drive.replies == drive.replies_before
+            drive.silent_commands = drive.silent_commands + 1 if silent else 0
+            drive.replies_before = drive.replies
 
 
 class Router:

@@ -17,7 +17,7 @@ from hal.errors import CanFault, DrivesFault, HardwareError
 from hal.joints.can import lifecycle
 from hal.joints.can.bus import AbsentBus, open_bus
 from hal.joints.can.description import check_description
-from hal.joints.can.drive import Drive, Router, drives_of
+from hal.joints.can.drive import Drive, Router, count_silences, drives_of
 from hal.joints.can.port import BusPort
 from hal.joints.can.reply_checks import RangeCheck
 from hal.joints.codecs import damiao
@@ -42,6 +42,8 @@ class SocketCanJoints:
         self._damp_first = damp_first
         self.drives = drives_of(device, motors)
         check_description(device, self.drives)
+        buses = range(len(device.buses))
+        self._drives_on = [[drive for drive in self.drives if drive.device.can_bus == number] for number in buses]
         self._state = DriveState.UNCONFIGURED
         self._ports: list[BusPort] = []
         self._routers: list[Router] = []
@@ -105,6 +107,8 @@ class SocketCanJoints:
         if rows is None:
             rows = [SetPoint(0.0, 0.0, 0.0, drive.device.damp_nm_s_rad, 0.0) for drive in self.drives]
             self._ports[0].report(BusFault.SEND_FAILED, CanFault.INVALID_COMMAND_DAMPED)
+        for drives in self._drives_on:
+            count_silences(drives)
         rising = self._soft_start(now_ns)
         leaving: list[list[Frame]] = [[] for _ in self._ports]
         for drive, row in zip(self.drives, rows, strict=True):
@@ -201,9 +205,6 @@ class SocketCanJoints:
         """What is wrong with the buses since the last call (for the life cycle)."""
         return self._bus_faults()[1]
 
-    def _on_bus(self, number: int) -> list[Drive]:
-        return [drive for drive in self.drives if drive.device.can_bus == number]
-
     def _open_ports(self, now_ns: int, *, in_part: bool = False) -> None:
         """in_part: without those that fail, unless all do. Raises HardwareError."""
         self._absent = {}
@@ -216,7 +217,7 @@ class SocketCanJoints:
                     raise
                 opened = AbsentBus(bus.channel)
             self._ports.append(BusPort(opened, f"{bus.channel} ({bus.interface})", now_ns))
-        self._routers = [Router(self._on_bus(number)) for number in range(len(self._ports))]
+        self._routers = [Router(drives) for drives in self._drives_on]
 
     def _release(self) -> None:
         for port in self._ports:

@@ -98,7 +98,7 @@ def enable(joints: SocketCanJoints) -> None:
     if faulted:
         raise _faulted(faulted[0], faulted[0].faults)
     for drive in joints.drives:  # of before: whoever still reports a fault has just been refused
-        drive.latched = DriveFault.NONE
+        drive.latched, drive.silent_commands = DriveFault.NONE, 0
     _ask_once(joints, list(joints.drives), _by_neutral_command)
     silent = _unanswered(joints, _by_enabling)
     silent += _unanswered_together(joints)

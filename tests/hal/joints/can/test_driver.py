@@ -271,6 +271,43 @@ def test_a_drive_that_disables_itself_is_a_fault(make_rig: MakeRig, motor: str) 
     assert feedback.state is DriveState.FAULTED
 
 
+@pytest.mark.parametrize(
+    ("motor", "commands", "fault"),
+    [
+        ("AK80-64/V2", 126, DriveFault.UNEXPECTEDLY_DISABLED),
+        ("AK80-64/V2", 80, DriveFault.NONE),
+        ("AK80-64/V3", 126, DriveFault.NONE),
+    ],
+    ids=["restarted", "short", "powered by the next set-point"],
+)
+def test_a_drive_that_answers_again_after_being_silent_alone_may_be_without_power(
+    make_rig: MakeRig, motor: str, commands: int, fault: DriveFault
+) -> None:
+    """Its replies are the same with power and without."""
+    rig = make_rig(with_motor(motor))
+    start(rig)
+    rig.emulator.inject(Fault.SILENT, KNEE)
+    rig.until(lambda _: drive_of(rig).silent_commands >= commands, HOLD)
+    replies = drive_of(rig).replies
+    rig.emulator.inject(Fault.HEALED)
+    feedback = rig.until(lambda _: drive_of(rig).replies > replies + 20, HOLD)
+    assert feedback.faults[KNEE] is fault
+    assert feedback.state is (DriveState.FAULTED if fault else DriveState.ENABLED)
+    rig.joints.close(rig.now_ns())
+    start(rig)
+    assert set(rig.tick(HOLD).faults) == {DriveFault.NONE}
+
+
+def test_a_bus_that_was_silent_as_a_whole_tells_of_no_drive(rig: CanRig) -> None:
+    rig.emulator.inject(Fault.SILENT)
+    for _ in range(200):
+        rig.tick(HOLD)
+    replies = drive_of(rig).replies
+    rig.emulator.inject(Fault.HEALED)
+    feedback = rig.until(lambda _: drive_of(rig).replies > replies + 20, HOLD)
+    assert set(feedback.faults) == {DriveFault.NONE}
+
+
 def test_a_faulted_v3_drive_gets_damping_only(make_rig: MakeRig) -> None:
     """Its firmware knows no enabling: the next stiff command would start it again."""
     rig = make_rig(with_motor("AK80-64/V3"))
