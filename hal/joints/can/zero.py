@@ -24,6 +24,7 @@ STILL_SPEED_RAD_S = 0.1
 TAKES_EFFECT_S = 1.5  # CubeMars drives act on it after 0.5 to 1.5 s, and write it to flash
 REPLY_WITHIN_S = 0.5  # a drive takes milliseconds; a busy computer may take longer to ask and to look
 ZERO_WITHIN_RAD = math.radians(1.0)
+UNCHANGED_WITHIN_RAD = math.radians(0.2)  # where the angle has not shown that the zero was taken
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,11 +55,12 @@ def set_zero(joints: SocketCanJoints, request: ZeroRequest, code: str, permit: C
     if time.monotonic() - request.at_s > CONFIRM_WITHIN_S:
         raise HardwareError(DrivesFault.ZERO_TOO_LATE, limit_s=CONFIRM_WITHIN_S)
     drive = _idle_drive(joints, request.joint)
-    if abs(_watch_still(joints, drive) - request.angle_rad) > STILL_WITHIN_RAD:
+    before_rad = _watch_still(joints, drive)
+    if abs(before_rad - request.angle_rad) > STILL_WITHIN_RAD:
         raise HardwareError(DrivesFault.ZERO_MOVED, **drive.identity)
     permit()
     joints.send(drive, drive.order(Order.ZERO, time.monotonic_ns()))
-    return _verify(joints, drive)
+    return _verify(joints, drive, before_rad)
 
 
 def _idle_drive(joints: SocketCanJoints, joint: Joint) -> Drive:
@@ -88,12 +90,21 @@ def _watch_still(joints: SocketCanJoints, drive: Drive) -> float:
     return first_rad
 
 
-def _verify(joints: SocketCanJoints, drive: Drive) -> float:
-    wanted_rad = drive.transmission.zero_offset_rad
-    end_s = time.monotonic() + 2 * TAKES_EFFECT_S
-    while time.monotonic() < end_s:
+def _verify(joints: SocketCanJoints, drive: Drive, before_rad: float) -> float:
+    """A joint that stood near its zero reads nearly the same if the drive ignores it: then the time must be over."""
+    wanted_rad, begin_s = drive.transmission.zero_offset_rad, time.monotonic()
+    waited_s = 0.0
+    while waited_s < 2 * TAKES_EFFECT_S:
+        waited_s = time.monotonic() - begin_s
         angle_rad = _poll(joints, drive)
-        if abs(angle_rad - wanted_rad) <= ZERO_WITHIN_RAD:
+        changed = abs(angle_rad - before_rad) >= 0.5 * abs(wanted_rad - before_rad)
+        within_rad = ZERO_WITHIN_RAD if changed else max(UNCHANGED_WITHIN_RAD, _quantum_rad(drive))
+        if abs(angle_rad - wanted_rad) <= within_rad and (changed or waited_s >= TAKES_EFFECT_S):
             return angle_rad
         joints.listen(lambda: False, 0.05)
     raise HardwareError(DrivesFault.ZERO_NOT_TAKEN, **drive.identity, angle_rad=drive.position_rad)
+
+
+def _quantum_rad(drive: Drive) -> float:
+    """What an angle on the wire can resolve, at the joint: 16 bits of the range, or 0.1 degrees in servo mode."""
+    return max(2 * drive.model.position_rad / 0xFFFF, math.radians(0.1)) / abs(drive.transmission.ratio)

@@ -24,7 +24,7 @@ from hal.joints.can.driver import SocketCanJoints
 from hal.joints.can.recorder import BusRecorder
 from hal.joints.can.scan import ALL_IDS, QUESTIONS, BusMonitor, listen, scan
 from hal.joints.codecs import CODECS
-from hal.joints.codecs.wire import Order, Reply
+from hal.joints.codecs.wire import Frame, Order, Reply
 from hal.joints.emulator.emulator import DriveEmulator
 from hal.joints.emulator.faults import Fault
 from hal.joints.protocol import DriveFault, Joint
@@ -309,6 +309,49 @@ def test_a_drive_that_ignores_its_zero_is_reported(opened: tuple[SocketCanJoints
     rig.emulator.drives[Joint.LEFT_KNEE].ignores_zero = True
     with refused(DrivesFault.ZERO_NOT_TAKEN, joint=Joint.LEFT_KNEE):
         zero.set_zero(joints, request, request.code, print)
+
+
+@pytest.mark.parametrize(("off_deg", "taken"), [(0.9, False), (0.05, True)])
+def test_a_joint_near_its_zero_is_not_taken_for_one_that_was_zeroed(
+    make_rig: MakeRig, quick: None, off_deg: float, *, taken: bool
+) -> None:
+    rig = make_rig(with_motor("AK80-64/V2"))
+    assert isinstance(rig.joints, SocketCanJoints)
+    knee = rig.emulator.drives[Joint.LEFT_KNEE]
+    knee.zero_rad = -math.radians(off_deg)
+    knee.ignores_zero = True
+    rig.joints.open(rig.now_ns())
+    request = zero.request_zero(rig.joints, Joint.LEFT_KNEE)
+    if taken:
+        angle_rad = zero.set_zero(rig.joints, request, request.code, print)
+        assert math.degrees(angle_rad) == pytest.approx(off_deg, abs=0.03)
+    else:
+        with refused(DrivesFault.ZERO_NOT_TAKEN, joint=Joint.LEFT_KNEE):
+            zero.set_zero(rig.joints, request, request.code, print)
+
+
+def test_a_zero_that_acts_late_is_waited_for(make_rig: MakeRig, quick: None, monkeypatch: pytest.MonkeyPatch) -> None:
+    """As CubeMars drives do: until then the joint, near its zero, reads as before."""
+    rig = make_rig(with_motor("AK80-64/V2"))
+    assert isinstance(rig.joints, SocketCanJoints)
+    knee = rig.emulator.drives[Joint.LEFT_KNEE]
+    knee.zero_rad, knee.ignores_zero = -math.radians(0.9), True
+    rig.joints.open(rig.now_ns())
+    request = zero.request_zero(rig.joints, Joint.LEFT_KNEE)
+    receive, answered = knee.receive, list[Frame]()
+
+    def act_after_a_third_answer(frame: Frame, now_ns: int) -> list[Frame]:
+        replies = receive(frame, now_ns)
+        answered.extend(replies)
+        if len(answered) == 3:
+            knee.zero_rad = knee.state.position_rad
+        return replies
+
+    def permit() -> None:
+        monkeypatch.setattr(knee, "receive", act_after_a_third_answer)
+
+    angle_rad = zero.set_zero(rig.joints, request, request.code, permit)
+    assert math.degrees(angle_rad) == pytest.approx(0.0, abs=0.03)
 
 
 def test_an_unresponsive_drive_is_reported_when_asked_for_its_zero(opened: tuple[SocketCanJoints, CanRig]) -> None:
