@@ -36,6 +36,8 @@ DEFAULT_VALUE = {
     Fault.HOT: 90.0,
 }
 
+_LARGEST_ID = 255  # a byte of an MIT reply
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ScheduledFault:
@@ -54,11 +56,12 @@ def read_schedule(text: str) -> ScheduledFault:
     where, _, what = name.rpartition(":")
     try:
         fault = Fault(what.strip())
+        largest = _LARGEST_ID if fault is Fault.WRONG_ID else math.inf
         return ScheduledFault(
             fault=fault,
             joint=Joint[where.strip().upper()] if where else None,
             after_s=_number(seconds or "0"),
-            value=_number(value) if value else DEFAULT_VALUE.get(fault, 0.0),
+            value=_number(value, largest) if value else DEFAULT_VALUE.get(fault, 0.0),
         )
     except (KeyError, ValueError) as error:
         faults = ", ".join(fault.value for fault in Fault)
@@ -66,7 +69,7 @@ def read_schedule(text: str) -> ScheduledFault:
         raise HardwareError(DeviceFault.BAD_FAULT_SCHEDULE, fault=text, joints=joints, known=faults) from error
 
 
-def _number(text: str) -> float:
-    if not 0.0 <= (number := float(text)) < math.inf:
+def _number(text: str, largest: float = math.inf) -> float:
+    if not 0.0 <= (number := float(text)) <= largest or math.isinf(number):
         raise ValueError(text)
     return number

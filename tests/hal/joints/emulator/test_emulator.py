@@ -206,10 +206,11 @@ def test_schedules_are_read() -> None:
         2.0,
     )
     assert read_schedule("late").value == 30.0
+    assert read_schedule("wrong-id=255").value == 255.0
     assert read_schedule("bus-off@3").joint is None
 
 
-@pytest.mark.parametrize("text", ["", "explode", "left_toe:silent", "silent@soon", "error=many"])
+@pytest.mark.parametrize("text", ["", "explode", "left_toe:silent", "silent@soon", "error=many", "wrong-id=256"])
 def test_a_schedule_that_makes_no_sense_is_refused_with_the_choices(text: str) -> None:
     with refused(DeviceFault.BAD_FAULT_SCHEDULE):
         read_schedule(text)
