@@ -6,10 +6,11 @@
 from __future__ import annotations
 
 import gc
+import heapq
+import itertools
 import os
 import signal
 import time
-from collections import deque
 from collections.abc import Callable
 from contextlib import suppress
 from multiprocessing.synchronize import Event
@@ -37,6 +38,7 @@ _FRAMES_A_TURN = 64  # a flood must not stop the body
 
 class _Due(NamedTuple):
     at_ns: int
+    number: int  # by which those of one time keep their order
     bus: int
     frame: Frame
 
@@ -51,7 +53,8 @@ class DriveEmulator:
         self._plant = plant if plant is not None else FreeLegs(device)
         self._transmissions = tuple(Transmission.of(joint) for joint in device.joints)
         self._ports: list[BusPort] = []
-        self._late: deque[_Due] = deque()
+        self._late: list[_Due] = []  # a heap: the next one first
+        self._late_numbers = itertools.count()
         self._tick_ns = 0
         self._ticks = 0
         self._off = False
@@ -85,7 +88,7 @@ class DriveEmulator:
         """Advance the body to now, send what is due, answer what arrives until the next tick."""
         self._advance_until(now_ns)
         while self._late and self._late[0].at_ns <= now_ns:
-            due = self._late.popleft()
+            due = heapq.heappop(self._late)
             self._send(due.bus, [due.frame])
         wait_s = max(self._tick_ns - time.monotonic_ns(), 0) / 1e9 / len(self._ports)
         served = [self._serve(number, port, wait_s) for number, port in enumerate(self._ports)]
@@ -123,7 +126,8 @@ class DriveEmulator:
                 continue
             replies = drive.receive(frame, now_ns)
             if drive.late_ns:
-                self._late.extend(_Due(now_ns + drive.late_ns, number, reply) for reply in replies)
+                for reply in replies:
+                    heapq.heappush(self._late, _Due(now_ns + drive.late_ns, next(self._late_numbers), number, reply))
             else:
                 answers += replies
         return answers

@@ -118,6 +118,13 @@ def test_an_unresponsive_joint_grows_old_while_the_others_stay_fresh(rig: CanRig
     rig.until(lambda _: drive_of(rig).requests.overdue, HOLD)
 
 
+def test_a_drive_that_answers_late_holds_up_no_other_late_one(rig: CanRig) -> None:
+    rig.emulator.inject(Fault.LATE, KNEE, 3_600_000)
+    rig.emulator.inject(Fault.LATE, Joint.RIGHT_KNEE, 10)
+    begin_ns = rig.now_ns()
+    rig.until(lambda now: now.measured_ns[Joint.RIGHT_KNEE] > begin_ns + 10_000_000, HOLD)
+
+
 @pytest.mark.parametrize(
     ("fault", "flag"),
     [
