@@ -138,17 +138,18 @@ class LogDecoder:
     def __init__(self, device: Exoskeleton, motors: Path | None = None) -> None:
         drives = drives_of(device, motors)
         on_channel: dict[str, list[Drive]] = {}
-        for number, bus in enumerate(device.buses):
-            on_channel.setdefault(file_channel(bus.channel), []).extend(
-                drive for drive in drives if drive.device.can_bus == number
-            )
-        self._only = BusDecoder(drives) if len(on_channel) == 1 else None
+        shared = [file_channel(bus.channel) for bus in device.buses]  # as logs before `file_channels` have them
+        for number, channel in enumerate(file_channels(device)):
+            on_bus = [drive for drive in drives if drive.device.can_bus == number]
+            for name in {channel, shared[number]}:
+                on_channel.setdefault(name, []).extend(on_bus)
+        self._only = BusDecoder(drives) if len(set(shared)) == 1 else None
         self._on_channel = {channel: BusDecoder(some) for channel, some in on_channel.items()}
         self._nobody = BusDecoder(())
 
     def decode(self, message: can.Message) -> Decoded:
         """One frame."""
-        decoder = self._only or self._on_channel.get(file_channel(str(message.channel)), self._nobody)
+        decoder = self._on_channel.get(file_channel(str(message.channel)), self._only or self._nobody)
         return decoder.decode(message)
 
 
@@ -215,3 +216,9 @@ def file_channel(channel: str) -> str:
     """A channel's name without what can-utils can't read in one; a number as python-can writes it."""
     name = "".join(letter if letter.isalnum() else "_" for letter in channel) or "can"
     return (f"can{name}" if name.isdigit() else name)[:15]
+
+
+def file_channels(device: Exoskeleton) -> list[str]:
+    """Each bus's channel in a log; with the bus's number where two would have one name (gs_usb's by index)."""
+    names = [file_channel(bus.channel) for bus in device.buses]
+    return [f"{name[:13]}_{number}" if names.count(name) > 1 else name for number, name in enumerate(names)]

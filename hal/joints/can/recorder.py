@@ -14,7 +14,7 @@ import can
 
 from hal.errors import CanFault, HardwareError
 from hal.joints.can.bus import AbsentBus, open_bus
-from hal.joints.can.candump import ERROR_FLAG, file_channel
+from hal.joints.can.candump import ERROR_FLAG, file_channels
 from hal.joints.can.port import RECEIVE_ERRORS, is_malformed
 from hal.joints.device import BusDevice, Exoskeleton
 from logs.reading.errors import cause_of
@@ -61,7 +61,7 @@ class BusRecorder:
         except HardwareError:
             self.close()
             raise
-        self._writers = [can.CanutilsLogWriter(self._file, channel=file_channel(bus.channel)) for bus in device.buses]
+        self._writers = [can.CanutilsLogWriter(self._file, channel=channel) for channel in file_channels(device)]
 
     def run(self, stopped: Callable[[], bool]) -> None:
         """Record until stopped. Raises HardwareError when the file can't be written, or its disk is low."""

@@ -9,7 +9,7 @@ import pytest
 
 from hal.errors import CanFault
 from hal.joints.can.bus import with_bus
-from hal.joints.can.candump import Decoded, FrameKind, LogDecoder, LogSummary, messages_of
+from hal.joints.can.candump import Decoded, FrameKind, LogDecoder, LogSummary, file_channel, file_channels, messages_of
 from hal.joints.codecs.wire import Reply
 from hal.joints.device import BusDevice, Exoskeleton, load_exoskeleton
 from hal.joints.protocol import DriveFault, Joint
@@ -61,6 +61,24 @@ def test_buses_are_found_by_the_names_that_a_recorder_writes() -> None:
     local = with_bus(TWO_BUSES, "local", "43113,43114")
     frames = decoded(local, "can43113 001#7FFF7FF0000007FF", "can43114 001#7FFF7FF0000007FF")
     assert [frame.joint for frame in frames] == [Joint.LEFT_HIP, Joint.RIGHT_HIP]
+
+
+@pytest.mark.parametrize(
+    ("buses", "names"),
+    [
+        ([BusDevice(interface="gs_usb", channel="0", options={"index": index}) for index in (0, 1)], "can0_0 can0_1"),
+        (
+            [BusDevice(interface="udp_multicast", channel=f"239.74.163.2:4311{port}") for port in (3, 4)],
+            "239_74_163_2__0 239_74_163_2__1",
+        ),
+    ],
+)
+def test_adapters_of_one_channel_name_are_told_apart_by_their_numbers(buses: list[BusDevice], names: str) -> None:
+    """A log from before, in which they have one name, is decoded as it was: for all drives of that name."""
+    device = msgspec.structs.replace(TWO_BUSES, buses=tuple(buses))
+    assert file_channels(device) == names.split()
+    lines = [f"{name} 001#7FFF7FF0000007FF" for name in (*names.split(), file_channel(buses[0].channel))]
+    assert [frame.joint for frame in decoded(device, *lines)] == [Joint.LEFT_HIP, Joint.RIGHT_HIP, Joint.LEFT_HIP]
 
 
 def test_one_bus_is_decoded_whatever_its_name() -> None:

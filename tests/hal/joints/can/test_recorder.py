@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import can
+import msgspec
 import pytest
 
 from hal.errors import CanFault, HardwareError
@@ -21,7 +22,7 @@ from hal.joints.codecs.wire import Order
 from hal.joints.device import BusDevice
 from tests.support.bad_input import in_time
 from tests.support.breaking_bus import BreakingBus
-from tests.support.can_rig import until, with_motor
+from tests.support.can_rig import each_joint, until, with_motor
 from tests.support.errors import refused
 
 
@@ -104,6 +105,21 @@ def test_an_adapter_that_is_plugged_in_is_recorded_and_the_gap_is_reported(
     assert [gap.code for gap in reported] == [CanFault.LOG_PAUSED, CanFault.LOG_RESUMED]
     assert {gap.values["bus"] for gap in reported} == {device.buses[0].channel}
     assert (tmp_path / "bus.can.log").read_text().split()[2] == "001#FFFFFFFFFFFFFFFD"
+
+
+def test_buses_of_one_channel_name_have_a_name_each_in_the_log(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    legs = each_joint(with_motor("AK80-64/V2"), lambda n, joint: msgspec.structs.replace(joint, can_bus=n // 2))
+    adapters = tuple(BusDevice(interface="gs_usb", channel="0", options={"index": index}) for index in range(2))
+    device = msgspec.structs.replace(legs, buses=adapters)
+    monkeypatch.setattr("hal.joints.can.recorder.open_bus", lambda bus: can.Bus(f"name {bus.options}", "virtual"))
+    recorder = BusRecorder(device, tmp_path / "bus.can.log")
+    for adapter in adapters:
+        with can.Bus(f"name {adapter.options}", "virtual") as bus:
+            bus.send(message_of(special_frame(1, Order.DISABLE)))
+    with in_time():
+        recorder.run(lambda: recorder.frames == 2)
+    recorder.close()
+    assert [line.split()[1] for line in (tmp_path / "bus.can.log").read_text().splitlines()] == ["can0_0", "can0_1"]
 
 
 def test_a_frame_that_was_cut_makes_no_gap(
