@@ -22,7 +22,7 @@ from hal.joints.codecs import CODECS
 from hal.joints.device import SHARING_INTERFACES, UNSHARED_INTERFACES, BusDevice, Exoskeleton
 from hal.joints.motors import WireProtocol, load_motors
 from hal.joints.protocol import Joint
-from logs.reason import reason, reason_of
+from logs.reason import Reason, reason, reason_of
 
 _SHORT_QUEUE = 50  # frames; the kernel's default of 10 gives "No buffer space available" at the first hiccup
 
@@ -30,6 +30,7 @@ _SHORT_QUEUE = 50  # frames; the kernel's default of 10 gives "No buffer space a
 class CanFinding(Enum):
     """What is found of a bus or a drive."""
 
+    NO_IP_PROGRAM = "no ip program"
     NO_INTERFACE = "no interface"
     DOWN = "down"
     VIRTUAL = "virtual"
@@ -80,30 +81,38 @@ def examine(device: Exoskeleton, motors: Path | None, *, ask: bool = True) -> It
         subject = bus.channel
         if bus.interface == "socketcan":
             link = read_link(bus.channel)
-            yield from evaluate_link(link, bus)
-            if not link or not is_up(link):
-                continue
+            if link is None:
+                yield note(subject, reason(F.NO_IP_PROGRAM), run("sudo apt install iproute2"))
+            else:
+                yield from evaluate_link(link, bus)
+                if not link or not is_up(link):
+                    continue
         if bus.interface not in SHARING_INTERFACES:
             grade = bad if bus.interface in UNSHARED_INTERFACES else note
             yield grade(subject, reason(F.NOT_SHARED, interface=bus.interface), reason(R.USE_SOCKETCAN))
         try:
             opened = open_bus(bus)
         except HardwareError as error:
-            yield bad(subject, reason_of(error), run(remedy_command(bus)))
+            yield bad(subject, reason_of(error), _run(remedy_command(bus)))
             continue
         try:
             yield from _examine_traffic(device, number, opened, motors, ask=ask)
         except HardwareError as error:
-            yield bad(subject, reason_of(error), run(_restart(bus)))
+            yield bad(subject, reason_of(error), _run(_restart(bus)))
         finally:
             opened.shutdown()
 
 
-def read_link(channel: str) -> dict[str, Any]:
-    """What the kernel reports of an interface, from `ip`; empty when there is none."""
+def _run(command: str) -> Reason | None:
+    """Interfaces besides the kernel's have no command."""
+    return run(command) if command else None
+
+
+def read_link(channel: str) -> dict[str, Any] | None:
+    """What the kernel reports of an interface, from `ip`; empty when there is none, None without that program."""
     program = shutil.which("ip") or shutil.which("ip", path="/usr/sbin:/sbin")
     if program is None:
-        return {}
+        return None
     command = [program, "-details", "-statistics", "-json", "link", "show", channel]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=5)
     try:

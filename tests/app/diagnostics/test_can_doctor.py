@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
+import can
 import msgspec
 import pytest
 
+from app.diagnostics import can_doctor
 from app.diagnostics.can_doctor import CanFinding as F
 from app.diagnostics.can_doctor import CanRemedy, evaluate_drives, evaluate_link, examine
 from app.diagnostics.findings import Finding, Grade
@@ -160,6 +163,19 @@ def test_a_missing_interface_is_reported_and_nothing_else_is_tried() -> None:
     device = with_bus(DEVICE, "socketcan", "can77")
     findings = list(examine(device, None))
     assert [finding.grade for finding in findings] == [Grade.BAD]
+
+
+def test_without_the_program_ip_the_bus_is_examined_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "which", lambda *_, **__: None)
+    monkeypatch.setattr(can_doctor, "open_bus", lambda bus: can.Bus(bus.channel, "virtual"))
+    missing, still = examine(with_bus(DEVICE, "socketcan", "can77"), None, ask=False)
+    assert (missing.grade, missing.what) == (Grade.NOTE, reason(F.NO_IP_PROGRAM))
+    assert (still.grade, still.what) == (Grade.GOOD, reason(F.QUIET))
+
+
+def test_a_bus_that_no_command_brings_up_has_no_empty_remedy() -> None:
+    findings = list(examine(with_bus(DEVICE, "local", "no port"), None))
+    assert [(finding.grade, finding.remedy) for finding in findings] == [(Grade.BAD, None)]
 
 
 @pytest.mark.parametrize("motor", ["AK80-64/V2", "nobody's"])
