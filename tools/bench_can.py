@@ -30,13 +30,13 @@ from app.system.paths import find_home
 from app.system.scheduling import PeriodicTimer, acquire_real_time, disable_gc
 from hal.joints.can.bus import with_bus
 from hal.joints.can.driver import SocketCanJoints
-from hal.joints.can.reply_checks import RequestTracker
 from hal.joints.device import load_exoskeleton
 from hal.joints.emulator.emulator import DriveEmulator
 from hal.joints.emulator.faults import Fault
 from hal.joints.protocol import BusFault, Joint, JointCommand, JointFeedback
 from profiles.schema import DEMO_PATIENT
 from testing.emulated_drives import emulating
+from testing.request_tracker import RequestTracker, TrackedDrive
 
 PERIOD_NS = 2_000_000
 ROUND_TRIP_BOUND_MS = 2.0
@@ -97,6 +97,8 @@ class Run:
 
     def __init__(self, joints: SocketCanJoints, emulator: DriveEmulator) -> None:
         self.joints, self.emulator = joints, emulator
+        tracked = tuple(TrackedDrive(drive.joint, drive.device, drive.model) for drive in joints.drives)
+        joints.drives, self.ledgers = tracked, [drive.requests for drive in tracked]
         self.pace = PeriodicTimer(period_ns=PERIOD_NS, next_ns=time.monotonic_ns() + PERIOD_NS)
         self.late_ms: list[float] = []
         self.cost_ms: list[float] = []
@@ -114,6 +116,8 @@ class Run:
         reported = self.joints.read(now_ns)
         self.joints.write(target(time.monotonic() - self._begin_s), now_ns)
         self.cost_ms.append((time.thread_time() - before_s) * 1e3)
+        for requests in self.ledgers:
+            requests.poll(now_ns)
         self.age_ms.append(float((now_ns - reported.measured_ns).max()) / 1e6)
         self.ticks += 1
         return reported, now_ns
@@ -164,7 +168,7 @@ class Tally(NamedTuple):
 
 def steady(run: Run, seconds: float) -> bool:
     """The long run; whether round trip and book-keeping keep their bounds."""
-    ledgers = [drive.requests for drive in run.joints.drives]
+    ledgers = run.ledgers
     for requests in ledgers:
         requests.round_trips_ns.clear()
     before = Tally.of(ledgers)

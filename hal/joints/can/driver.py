@@ -42,11 +42,10 @@ class SocketCanJoints:
         self._damp_first = damp_first
         self.drives = drives_of(device, motors)
         check_description(device, self.drives)
-        buses = range(len(device.buses))
-        self._drives_on = [[drive for drive in self.drives if drive.device.can_bus == number] for number in buses]
         self._state = DriveState.UNCONFIGURED
         self._ports: list[BusPort] = []
         self._routers: list[Router] = []
+        self._drives_on: list[list[Drive]] = []
         self._absent: dict[int, HardwareError] = {}  # buses that could not be opened, while the others are used
         self._enabled_ns = 0
         self._polled_ns = 0
@@ -115,7 +114,7 @@ class SocketCanJoints:
             if rising < 1.0:
                 stiffness, torque = row.stiffness_nm_rad * rising, row.torque_nm * rising
                 row = row._replace(stiffness_nm_rad=stiffness, torque_nm=torque)  # noqa: PLW2901
-            leaving[drive.device.can_bus].append(drive.command(row, now_ns))
+            leaving[drive.device.can_bus].append(drive.command(row))
         for port, frames in zip(self._ports, leaving, strict=True):
             port.send(*frames)
 
@@ -124,8 +123,6 @@ class SocketCanJoints:
         for number, port in enumerate(self._ports):
             for frame, measured_ns in port.drain(now_ns):
                 self._take(number, frame, measured_ns)
-        for drive in self.drives:
-            drive.requests.poll(now_ns)
         return self._feedback()
 
     def close(self, now_ns: int) -> None:
@@ -197,7 +194,7 @@ class SocketCanJoints:
         for asked in range(lifecycle.ATTEMPTS):
             if register in reported:
                 return asked
-            self.send(drive, [drive.ask(question, time.monotonic_ns())])
+            self.send(drive, [drive.ask(question)])
             self.listen(lambda: register in reported, 0.05)
         return lifecycle.ATTEMPTS
 
@@ -217,6 +214,8 @@ class SocketCanJoints:
                     raise
                 opened = AbsentBus(bus.channel)
             self._ports.append(BusPort(opened, f"{bus.channel} ({bus.interface})", now_ns))
+        buses = range(len(self._ports))
+        self._drives_on = [[drive for drive in self.drives if drive.device.can_bus == number] for number in buses]
         self._routers = [Router(drives) for drives in self._drives_on]
 
     def _release(self) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import time
 from collections.abc import Callable, Iterable
 from typing import TYPE_CHECKING
 
@@ -137,7 +136,7 @@ def confirm_off(joints: SocketCanJoints, waiting: list[Drive]) -> list[Drive]:
 
 def _damp(joints: SocketCanJoints, drive: Drive) -> None:
     damping = SetPoint(0.0, 0.0, 0.0, drive.device.damp_nm_s_rad, 0.0)
-    joints.send(drive, [drive.command(damping, time.monotonic_ns())])
+    joints.send(drive, [drive.command(damping)])
 
 
 def _answers_alike(joints: SocketCanJoints, drive: Drive) -> bool:
@@ -146,19 +145,19 @@ def _answers_alike(joints: SocketCanJoints, drive: Drive) -> bool:
 
 
 def _by_disabling(joints: SocketCanJoints, drive: Drive) -> bool:
-    return joints.send(drive, drive.order(Order.DISABLE, time.monotonic_ns()))
+    return joints.send(drive, drive.order(Order.DISABLE))
 
 
 def _by_clearing(joints: SocketCanJoints, drive: Drive) -> bool:
-    return joints.send(drive, drive.order(Order.CLEAR, time.monotonic_ns()))
+    return joints.send(drive, drive.order(Order.CLEAR))
 
 
 def _by_enabling(joints: SocketCanJoints, drive: Drive) -> bool:
-    return joints.send(drive, drive.order(Order.ENABLE, time.monotonic_ns()))
+    return joints.send(drive, drive.order(Order.ENABLE))
 
 
 def _by_neutral_command(joints: SocketCanJoints, drive: Drive) -> bool:
-    return joints.send(drive, [drive.ask(drive.codec.command(drive.device.can_id, NEUTRAL), time.monotonic_ns())])
+    return joints.send(drive, [drive.ask(drive.codec.command(drive.device.can_id, NEUTRAL))])
 
 
 def _by_neutral_question(joints: SocketCanJoints, drive: Drive) -> bool:

@@ -59,7 +59,7 @@ def set_zero(joints: SocketCanJoints, request: ZeroRequest, code: str, permit: C
     if abs(before_rad - request.angle_rad) > STILL_WITHIN_RAD:
         raise HardwareError(DrivesFault.ZERO_MOVED, **drive.identity)
     permit()
-    joints.send(drive, drive.order(Order.ZERO, time.monotonic_ns()))
+    joints.send(drive, drive.order(Order.ZERO))
     return _verify(joints, drive, before_rad)
 
 
@@ -73,7 +73,7 @@ def _poll(joints: SocketCanJoints, drive: Drive) -> float:
     """The joint's angle by a fresh answer. Raises HardwareError when it is silent."""
     before = drive.replies
     for _ in range(3):
-        joints.send(drive, drive.order(Order.DISABLE, time.monotonic_ns()))
+        joints.send(drive, drive.order(Order.DISABLE))
         if joints.listen(lambda: drive.replies > before, REPLY_WITHIN_S):
             return drive.position_rad
     raise HardwareError(DrivesFault.ZERO_NO_REPLY, **drive.identity)
