@@ -54,7 +54,7 @@ def run_bus_log(setup: SessionSetup) -> None:
     sink.close(linger_s)
 
 
-def _record(setup: SessionSetup, asked: list[int], report: Callable[[HardwareError], None]) -> None:
+def _record(setup: SessionSetup, asked: list[int], report: Callable[[HardwareError], object]) -> None:
     chosen, home = setup.config.joints, Home(setup.home)
     device = load_device(chosen)
     home.logs.mkdir(parents=True, exist_ok=True, mode=0o700)

@@ -36,7 +36,7 @@ class BusRecorder:
         *,
         floor_bytes: int = 0,
         waits: bool = False,
-        report: Callable[[HardwareError], None] = lambda _: None,
+        report: Callable[[HardwareError], object] = lambda _: None,
     ) -> None:
         """floor_bytes: of the disk stay free. waits: a bus that can't be opened is recorded once it can be.
 
