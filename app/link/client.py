@@ -64,7 +64,7 @@ class LinkClient:
         self._ending_ns = 0
         self._ended = False
         self._frame_ns = self._health_ns = 0
-        self._began_ns = time.monotonic_ns()
+        self._began_ns = self._awaited_ns = time.monotonic_ns()  # awaited: a first answer, then the first frame
         self._remote = self._open_remote()
 
     def end(self) -> None:
@@ -144,7 +144,7 @@ class LinkClient:
             return
         self._health_ns = now_ns
         their = self._their
-        if their is None and self._fault is None and now_ns - self._began_ns > SILENT_NS:
+        if their is None and self._fault is None and now_ns - self._awaited_ns > SILENT_NS:
             self._fail(why_silent(self._setup.config.joints.host, SILENT_NS / 1e9))
         audit = None if their is None else their.audit
         health = health_of(self._beats, self._setup.config.joints.host, now_ns, self._foreign, audit)
@@ -175,6 +175,7 @@ class LinkClient:
         if self._seal is None or self._seal.key != welcome.packet_key:
             self._seal = PacketSeal(connection=welcome.connection, key=welcome.packet_key, at_joints=False)
             self._beats = Beats()
+        self._awaited_ns = time.monotonic_ns()
         self._fail(None)
 
     def _refused(self, why: Reason) -> None:
@@ -194,6 +195,7 @@ class LinkClient:
             self._ended, self._health_ns = True, 0  # the console is told why at once
         if clock is None:
             return
+        self._fail(frame.fault)  # the link is up: a fault from before it is over
         clock = clock.at(now_ns)
         audit = None if frame.audit is None else localized(frame.audit, clock)
         self._their = replace(frame, audit=audit)

@@ -120,14 +120,16 @@ def _left(run: GuidedRun) -> list[str]:
 
 
 def event_lines(state: SessionState) -> Lines:
-    """One line an event, then the newest refusal."""
+    """The link's fault, one line an event, then the newest refusal."""
+    fault: Lines = ()
     if state.link is not None and state.link.fault is not None:
-        return (plain(render(state.link.fault), "bold $error"),)
+        fault = (plain(render(state.link.fault), "bold $error"),)
     if state.snapshot is None:
-        return (plain(tr("events.waiting"), "$foreground-muted"),)
-    if not state.snapshot_fresh:
-        return (plain(tr("events.silent"), "bold $error"), *(_line(event, state.now_ns) for event in state.events))
+        return fault or (plain(tr("events.waiting"), "$foreground-muted"),)
     lines = tuple(_line(event, state.now_ns) for event in state.events)
+    if not state.snapshot_fresh:
+        return (*(fault or (plain(tr("events.silent"), "bold $error"),)), *lines)
+    lines = (*fault, *lines)
     if state.snapshot.refusal:
         lines = (*lines, plain(tr("events.refused", reason=render(state.snapshot.refusal)), "$warning"))
     return (*lines, *_pause(state.snapshot.pauses, state.now_ns))

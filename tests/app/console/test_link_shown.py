@@ -12,6 +12,7 @@ from app.console.state import SessionState, fold
 from app.console.widgets.health import Health, health_lines, health_of
 from app.console.widgets.status import event_lines
 from app.ipc.messages import LinkHealth, ProcessStatus
+from app.ipc.states import Effect, Event
 from app.ipc.streams import LinkDirectory
 from app.link.wire import LinkFault
 from app.session.latest import Latest
@@ -20,6 +21,8 @@ from hal.joints.device import load_exoskeleton
 from logs.reason import reason
 from profiles.schema import DEMO_PATIENT
 from testing.fake_host import FakeHost
+from testing.messages import event
+from tests.app.console.test_sizes import NOW_NS, with_snapshot
 
 MS = 1_000_000
 LINK = LinkHealth(
@@ -95,10 +98,15 @@ def test_figures_of_a_link_whose_process_is_silent_are_not_shown_as_current(age_
     assert ("exo.local:7447 does not answer" in shown) is not current
 
 
-def test_why_there_is_no_session_takes_the_place_of_events() -> None:
+def test_why_there_is_no_link_takes_the_place_of_no_event() -> None:
     fault = reason(LinkFault.NOBODY_ANSWERS, host="exo.local:7447", limit_s=5.0)
-    (line,) = event_lines(folded(link=with_fields(LINK, fault=fault)))
+    broken = folded(link=with_fields(LINK, fault=fault))
+    (line,) = event_lines(broken)
     assert "No answer from exo.local:7447" in line[0][0]
+    (line,) = event_lines(replace(broken, snapshot=None))
+    assert "No answer from exo.local:7447" in line[0][0]
+    stopped = with_snapshot(events=(event(Event.STOP, Effect.HOLD, NOW_NS),))
+    assert event_lines(replace(stopped, link=broken.link)) == (line, *event_lines(stopped))
 
 
 @pytest.mark.parametrize(("sent_ns", "waits_ms"), [(0, 0.0), (900 * MS, 100.0)])

@@ -15,13 +15,15 @@ from msgspec.structs import replace
 
 from app.demo.two_hosts import free_port
 from app.ipc import streams
-from app.ipc.links import LatestReceiver, OrderedSender, address
-from app.ipc.messages import LinkHealth, OperatorCommand
+from app.ipc.links import LatestReceiver, OrderedReceiver, OrderedSender, address
+from app.ipc.messages import LinkHealth, OperatorCommand, ProcessStatus
 from app.ipc.messages import OperatorKind as K
-from app.link.client import LinkClient
+from app.link.beats import Beats
+from app.link.client import SILENT_NS, LinkClient
 from app.link.keys import Peer, add_peer, own_key
 from app.link.packets import PacketSeal, new_packet_key
 from app.link.port import JointsPort
+from app.link.questions import Who, encode, here, question_in
 from app.link.wire import (
     VERSION,
     FromLaptop,
@@ -37,18 +39,20 @@ from app.link.wire import (
 from app.session.setup import make_setup
 from app.system.config import Config, JointsConfig
 from app.system.paths import Home
-from logs.reason import reason
+from logs.reason import key_of, reason
+from logs.records import Entry, Note, ProcessEnd
 from profiles.schema import DEMO_PATIENT
 
 PATIENCE_S, UNATTENDED_S = 30.0, 120.0
 WELCOME = Welcome(link=VERSION, program=program(), connection=1, packet_key=new_packet_key())
+ALIVE = (ProcessStatus(name="control", pid=1, alive=True, restarts=0, exit_code=None),)
 OVER, RUNS = (Refused(reason=reason(fault, session="s")) for fault in (LinkFault.SESSION_OVER, LinkFault.SESSION_RUNS))
 
 
 class Joints:
     """The exoskeleton's computer: it answers each greeting, the last answer again and again.
 
-    A welcome is followed by the last frame, if there is one; nothing else is sent.
+    A welcome is followed by the last frame, if there is one; packets and frames are answered while it `runs`.
     """
 
     def __init__(self, home: Home, laptop: Home, answers: tuple[Welcome | Refused, ...]) -> None:
@@ -59,6 +63,7 @@ class Joints:
         self.frames: list[ToJoints] = []
         self.packets: list[Packet] = []
         self.last: ToLaptop | None = None
+        self.runs = False
         self._answers = [*answers]
         self._port = JointsPort(home, number)
         self._ending = threading.Event()
@@ -72,11 +77,18 @@ class Joints:
 
     def _serve(self) -> None:
         decode = msgspec.msgpack.Decoder(FromLaptop).decode
-        seal = PacketSeal(connection=WELCOME.connection, key=WELCOME.packet_key, at_joints=True)
+        seal, beats = PacketSeal(connection=WELCOME.connection, key=WELCOME.packet_key, at_joints=True), Beats()
         while not self._ending.is_set():
             self._port.wait(20)
-            opened = [seal.open(datagram) for datagram, _ in self._port.packets()]
-            self.packets += [packet for packet in opened if packet is not None]
+            for datagram, where in self._port.packets():
+                packet, question, now_ns = seal.open(datagram), question_in(datagram), time.monotonic_ns()
+                if isinstance(question, Who):
+                    self._port.send_packet(encode(here(question, now_ns, now_ns)), where)
+                if packet is not None:
+                    self.packets.append(packet)
+                if packet is not None and self.runs:
+                    beats.take(packet, now_ns)
+                    self._port.send_packet(seal.seal(beats.next(now_ns, time.time_ns())), where)
             for identity, _, content in self._port.frames():
                 message = decode(content)
                 if isinstance(message, Hello):
@@ -86,6 +98,11 @@ class Joints:
                         self._port.send_frame(identity, msgspec.msgpack.encode(self.last))
                 else:
                     self.frames.append(message)
+                    if self.runs:
+                        frame = ToLaptop(
+                            number=message.number, acknowledged=message.number, commands=0, processes=ALIVE
+                        )
+                        self._port.send_frame(identity, msgspec.msgpack.encode(frame))
 
 
 Begin = Callable[[tuple[Welcome | Refused, ...]], tuple[LinkClient, Joints]]
@@ -152,6 +169,50 @@ def test_the_console_is_told_why_a_session_could_not_start_before_the_link_ends(
         told.append(health.fault)
     console.close()
     assert told[-1:] == [fault]
+
+
+@pytest.mark.parametrize("runs_at_once", [True, False])
+def test_a_fault_from_before_the_link_is_up_is_over_with_the_first_frame(begin: Begin, runs_at_once: bool) -> None:
+    """Either the exoskeleton's computer was switched on late, or its packets came late after its welcome."""
+    link, joints = begin((WELCOME,))
+    trail = OrderedReceiver(address(link._setup.links, streams.AUDIT.name), Entry)
+    console = LatestReceiver(address(link._setup.links, streams.LINK.name), LinkHealth)
+    joints.runs = runs_at_once
+    if runs_at_once:
+        link._began_ns = link._awaited_ns = time.monotonic_ns() - SILENT_NS - 1
+    running = threading.Thread(target=link.run)
+    running.start()
+    if not runs_at_once:
+        until(lambda: bool(joints.frames), "a frame")
+        link._awaited_ns -= SILENT_NS
+        until(lambda: link._fault is not None, "the fault")
+        joints.runs = True
+    shown: list[LinkHealth] = []
+    until(lambda: has_processes(console, shown), "what control's computer says")
+    link._began_ns -= int(UNATTENDED_S * 1e9)
+    running.join(PATIENCE_S)
+    link._session.record(ProcessEnd(pid=0, reason=None))
+    notes = []
+    while (entry := trail.receive(PATIENCE_S)) is not None and not isinstance(entry.body, ProcessEnd):
+        if isinstance(entry.body, Note) and not isinstance(entry.body.text, str):
+            notes.append(entry.body.text.code)
+    console.close()
+    trail.close()
+    assert shown[-1].fault is None
+    assert notes == [key_of(LinkFault.NOT_ADMITTED)], "from before the link was up, and not again"
+
+
+def has_processes(console: LatestReceiver[LinkHealth], shown: list[LinkHealth]) -> bool:
+    health = console.receive()
+    shown += [] if health is None else [health]
+    return bool(shown and shown[-1].processes)
+
+
+def until(condition: Callable[[], bool], what: str) -> None:
+    deadline = time.monotonic() + PATIENCE_S
+    while not condition():
+        assert time.monotonic() < deadline, f"{what} did not come"
+        time.sleep(0.01)
 
 
 @pytest.mark.parametrize(
