@@ -118,8 +118,10 @@ class HandshakeMonitor:
     end counts servers that could not show the key.
     """
 
-    def __init__(self, socket: zmq.Socket[bytes], *, bound: bool) -> None:
+    def __init__(self, socket: zmq.Socket[bytes], *, bound: bool, period_s: float = 0.0) -> None:
+        """period_s: how long a handshake may take, and twice that at most; 0: as on one host, `PEERS_PERIOD_S`."""
         self._socket = socket
+        self._period_s = period_s or PEERS_PERIOD_S
         self._change = {zmq.EVENT_ACCEPTED: 1, zmq.EVENT_HANDSHAKE_SUCCEEDED: -1}
         if not bound:
             self._change = {zmq.EVENT_HANDSHAKE_FAILED_PROTOCOL: 1, zmq.EVENT_HANDSHAKE_FAILED_AUTH: 1}
@@ -131,7 +133,7 @@ class HandshakeMonitor:
         """The peers turned away, at the end of each period."""
         if now_s < self._until_s:  # looking at a socket is a call of the kernel: not in every tick
             return 0
-        self._until_s = now_s + PEERS_PERIOD_S
+        self._until_s = now_s + self._period_s
         self._take()
         turned_away, self._older, self._newer = self._older, self._newer, 0
         if self._events is None:

@@ -22,6 +22,7 @@ from logs.reading.errors import CodedError
 FRAMES_A_ROUND = 64
 PACKETS_A_ROUND = 512
 MAX_FRAME = 1 << 18
+HANDSHAKE_S = 5.0  # over the air each of its round trips may be repeated
 _IP_PKTINFO = 8  # Linux, ip(7); `socket` has no name for it before Python 3.14
 # struct in_pktinfo: interface, our own address, the address in the packet's head
 _PACKET_INFO = struct.Struct("=i4s4s")
@@ -60,7 +61,7 @@ class JointsPort:
         self._keeper.configure_curve_callback("*", _Paired(home))
         self._frames = self._context.socket(zmq.ROUTER)
         self._packets = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self._monitor = HandshakeMonitor(self._frames, bound=True)
+        self._monitor = HandshakeMonitor(self._frames, bound=True, period_s=HANDSHAKE_S)
         self._malformed = 0
         self._beside: zmq.Socket[bytes] | None = None
         try:

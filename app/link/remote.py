@@ -26,6 +26,7 @@ from logs.reason import reason_of
 # Nothing acknowledged for so long: a new connection, since TCP itself would wait longer. Doubled with each attempt:
 # over a poor link a handshake takes seconds.
 RETRY_NS, RETRY_AT_MOST_NS = 1_000 * NS_PER_MS, 8_000 * NS_PER_MS
+GREETING_TRIPS = 8  # TCP, CURVE and the greeting take six round trips; what is given up earlier never succeeds
 CONNECTED_FRAMES = 20  # acknowledged, a connection is as good as before
 
 
@@ -75,9 +76,9 @@ class Remote:
             return now_ns - self._connected_ns > self._patience_ns
         return self.flight.waits_ns(now_ns) > self._patience_ns
 
-    def expect_soon(self) -> None:
+    def expect_soon(self, round_trip_ns: int) -> None:
         """The way is open again: a connection that stalled meanwhile would go on late."""
-        self._patience_ns = RETRY_NS
+        self._patience_ns = min(max(RETRY_NS, GREETING_TRIPS * round_trip_ns), RETRY_AT_MOST_NS)
 
     def commanded_by(self, operator: str) -> None:
         """Another operator took over at the laptop: `rleex joints` that is started again is told the name."""

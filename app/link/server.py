@@ -137,8 +137,8 @@ class JointsServer:
             self._greet(identity, user, message)
         elif self._laptop is not None and identity == self._laptop.identity:
             self._laptop.take_frame(message, time.monotonic_ns())
-        elif not self._resuming:
-            self._foreign += 1
+        elif not self._resuming and (self._laptop is None or user != self._laptop.user):
+            self._foreign += 1  # the laptop's own key: ZeroMQ connected anew by itself, and no greeting was repeated
 
     def _refuse_other_version(self, identity: bytes, content: bytes) -> None:
         self._foreign += 1

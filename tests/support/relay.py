@@ -9,6 +9,7 @@ from __future__ import annotations
 import heapq
 import selectors
 import socket
+import struct
 import threading
 import time
 from contextlib import suppress
@@ -21,8 +22,9 @@ class Relay:
     """Forwards from its own port to another of loopback while the body runs."""
 
     def __init__(self, to_port: int) -> None:
-        self.cut = self.frames_wait = False
+        self.cut = self.frames_wait = self._must_reset = False
         self.delay_s = 0.0
+        self.connections = 0  # of the laptop, so far
         self.packets: list[bytes] = []  # from the laptop, newest last
         self._to = ("127.0.0.1", to_port)
         self._selector = selectors.DefaultSelector()
@@ -53,8 +55,19 @@ class Relay:
             one.close()
         self._selector.close()
 
+    def reset(self) -> None:
+        """Every TCP connection ends by a reset, as from a router that was switched off and on."""
+        self._must_reset = True
+
     def _run(self) -> None:
         while not self._ending.is_set():
+            if self._must_reset:
+                self._must_reset = False
+                for one in (*self._pairs,):
+                    one.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, struct.pack("ii", 1, 0))
+                    self._selector.unregister(one)
+                    one.close()
+                self._pairs.clear()
             for key, _ in self._selector.select(0.002):
                 assert isinstance(key.fileobj, socket.socket)
                 with suppress(OSError):
@@ -87,6 +100,7 @@ class Relay:
 
     def _connect(self) -> None:
         near, _ = self._tcp.accept()
+        self.connections += 1
         try:
             far = socket.create_connection(self._to)
         except OSError:  # nobody there: neither for whoever connected here

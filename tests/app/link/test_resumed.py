@@ -88,7 +88,7 @@ def test_what_the_laptop_sent_to_the_process_before_is_not_foreign(server: Joint
     assert foreign(server) == 0
     send(server, before, 52)
     assert foreign(server) == 1
-    server._take_frame(b"old", "key", FRAME)
+    server._take_frame(b"old", "another key", FRAME)
     assert foreign(server) == 2
 
 

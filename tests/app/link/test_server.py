@@ -110,11 +110,12 @@ def offer(home: Home) -> None:
     write_offer(home, Offer(code=new_code(), expires_s=time.time() + 60.0))
 
 
-def paired(joints: Joints, laptop: Home) -> SessionSetup:
-    """A laptop that both know, with a session to ask for."""
+def paired(joints: Joints, laptop: Home, host: str = "") -> SessionSetup:
+    """A laptop that both know, with a session to ask for. host: where the laptop finds them, if elsewhere."""
+    host = host or joints.host
     add_peer(joints.home, Peer(name="laptop", public=own_key(laptop).public, paired_at=""))
-    add_peer(laptop, Peer(name="joints", public=own_key(joints.home).public, paired_at="", host=joints.host))
-    config = Config(joints=JointsConfig(host=joints.host))
+    add_peer(laptop, Peer(name="joints", public=own_key(joints.home).public, paired_at="", host=host))
+    config = Config(joints=JointsConfig(host=host))
     setup = make_setup(laptop, config, DEMO_PATIENT, None, permission=None)
     setup.links.path.rmdir()
     return setup
