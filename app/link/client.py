@@ -210,7 +210,7 @@ class LinkClient:
         silent_ns = self._beats.take(packet, now_ns)
         if silent_ns:
             remote.expect_soon(self._beats.quality.round_trip_ns)
-            self._session.note(LinkNotice.LINK_RETURNED, silent_s=silent_ns / 1e9)
+            self._session.note(LinkNotice.PACKETS_RETURNED, silent_s=silent_ns / 1e9)
         for notice, step_s in self._beats.new_steps():
             self._session.note(notice, step_s=step_s)
         if self._commands.stops.acknowledge(packet.stops):

@@ -57,10 +57,11 @@ class LinkNotice(Enum):
     """What the link's process notes in the trail."""
 
     LAPTOP_CAME = auto()  # laptop
-    LINK_RETURNED = auto()  # silent_s
+    LINK_RETURNED = auto()  # silent_s; the legs are held
+    PACKETS_RETURNED = auto()  # silent_s; of the laptop, which can't tell whether the other way was lost as well
     COMMAND_STALE = auto()  # command, age_s
     COMMANDS_LOST = auto()
-    PEER_REFUSED = auto()  # laptop, why
+    PEER_REFUSED = auto()  # why
     CLOCK_STEPPED = auto()  # step_s
     OTHER_CLOCK_STEPPED = auto()  # step_s
 

@@ -18,7 +18,7 @@ from app.ipc import streams
 from app.ipc.links import LatestReceiver, OrderedReceiver, OrderedSender, address
 from app.ipc.messages import LinkHealth, OperatorCommand, ProcessStatus
 from app.ipc.messages import OperatorKind as K
-from app.link.beats import Beats
+from app.link.beats import LOST_NS, Beats
 from app.link.client import SILENT_NS, LinkClient
 from app.link.keys import Peer, add_peer, own_key
 from app.link.packets import PacketSeal, new_packet_key
@@ -29,6 +29,7 @@ from app.link.wire import (
     FromLaptop,
     Hello,
     LinkFault,
+    LinkNotice,
     Packet,
     Refused,
     ToJoints,
@@ -39,7 +40,7 @@ from app.link.wire import (
 from app.session.setup import make_setup
 from app.system.config import Config, JointsConfig
 from app.system.paths import Home
-from logs.reason import key_of, reason
+from logs.reason import Reason, key_of, reason
 from logs.records import Entry, Note, ProcessEnd
 from profiles.schema import DEMO_PATIENT
 
@@ -192,14 +193,35 @@ def test_a_fault_from_before_the_link_is_up_is_over_with_the_first_frame(begin: 
     link._began_ns -= int(UNATTENDED_S * 1e9)
     running.join(PATIENCE_S)
     link._session.record(ProcessEnd(pid=0, reason=None))
-    notes = []
-    while (entry := trail.receive(PATIENCE_S)) is not None and not isinstance(entry.body, ProcessEnd):
-        if isinstance(entry.body, Note) and not isinstance(entry.body.text, str):
-            notes.append(entry.body.text.code)
+    notes = [text.code for text in noted(trail)]
     console.close()
     trail.close()
     assert shown[-1].fault is None
     assert notes == [key_of(LinkFault.NOT_ADMITTED)], "from before the link was up, and not again"
+
+
+def test_packets_that_come_again_tell_of_no_hold(begin: Begin) -> None:
+    """Only the way from there was lost, as far as the laptop can tell: control had its heartbeats."""
+    link, _ = begin((WELCOME,))
+    trail = OrderedReceiver(address(link._setup.links, streams.AUDIT.name), Entry)
+    seal = PacketSeal(connection=WELCOME.connection, key=WELCOME.packet_key, at_joints=True)
+    link._welcomed(WELCOME)
+    assert link._remote is not None
+    for number, at_ns in enumerate((1, LOST_NS + 1, 2 * LOST_NS + 2), 1):
+        link._take_packet(link._remote, seal.seal(Packet(number=number, sent_ns=at_ns)), at_ns)
+    link._session.record(ProcessEnd(pid=0, reason=None))
+    texts = noted(trail)
+    trail.close()
+    assert texts == [reason(LinkNotice.PACKETS_RETURNED, silent_s=(LOST_NS + 1) / 1e9)]
+
+
+def noted(trail: OrderedReceiver[Entry]) -> list[Reason]:
+    """The notes until the link's process ends."""
+    texts = []
+    while (entry := trail.receive(PATIENCE_S)) is not None and not isinstance(entry.body, ProcessEnd):
+        if isinstance(entry.body, Note) and isinstance(entry.body.text, Reason):
+            texts.append(entry.body.text)
+    return texts
 
 
 def has_processes(console: LatestReceiver[LinkHealth], shown: list[LinkHealth]) -> bool:

@@ -14,6 +14,7 @@ from app.link.port import HANDSHAKE_S, JointsPort
 from app.link.remote import GREETING_TRIPS, RETRY_AT_MOST_NS, RETRY_NS, Remote
 from app.link.wire import VERSION, Hello, ToJoints, Welcome, program
 from app.system.paths import Home
+from tests.app.link.test_remote import paired_with
 from tests.app.link.test_server import PATIENCE_S, Joints, messages, paired, running
 from tests.support.relay import Relay
 
@@ -60,12 +61,11 @@ def test_a_stranger_is_foreign_when_a_slow_laptop_would_have_shaken_hands(tmp_pa
 def test_a_connection_is_given_up_after_the_time_that_the_network_needs(
     tmp_path: Path, round_trip_ns: int, patience_ns: int
 ) -> None:
-    with running(Home(tmp_path / "joints")) as joints:
-        with closing(Remote(paired(joints, Home(tmp_path / "laptop")))) as remote:
-            remote.connect(1)
-            remote.expect_soon(round_trip_ns)
-            assert not remote.must_reconnect(1 + patience_ns, packets_lost=True)
-            assert remote.must_reconnect(2 + patience_ns, packets_lost=True)
+    with closing(Remote(paired_with(Home(tmp_path), f"127.0.0.1:{free_port()}"))) as remote:
+        remote.connect(1)
+        remote.expect_soon(round_trip_ns)
+        assert not remote.must_reconnect(1 + patience_ns, packets_lost=True)
+        assert remote.must_reconnect(2 + patience_ns, packets_lost=True)
 
 
 def await_welcome(remote: Remote) -> None:
