@@ -29,8 +29,9 @@ def resolve(text: str) -> tuple[str, int]:
     host, port = split_address(text)
     try:
         found = socket.getaddrinfo(host, port, socket.AF_INET, socket.SOCK_DGRAM)
-    except OSError as error:
-        raise AppError(LinkFault.UNKNOWN_HOST, host=host, detail=error.strerror or str(error)) from error
+    except (OSError, UnicodeError) as error:  # an empty label, or one that is too long, is not encoded (IDNA)
+        detail = getattr(error, "strerror", "") or str(error)
+        raise AppError(LinkFault.UNKNOWN_HOST, host=host, detail=detail) from error
     return str(found[0][4][0]), port
 
 

@@ -16,7 +16,7 @@ from app.demo.two_hosts import free_port
 from app.link import remote as remote_sockets
 from app.link.keys import Peer, add_peer, own_key
 from app.link.port import JointsPort
-from app.link.questions import find, why_silent
+from app.link.questions import find, resolve, why_silent
 from app.link.remote import RETRY_NS, Remote
 from app.link.wire import VERSION, LinkFault, Welcome, program, split_address
 from app.session.setup import make_setup
@@ -183,3 +183,12 @@ def test_without_a_way_there_the_fault_is_told(tmp_path: Path) -> None:
         find(NO_WAY)
     assert refused.value.code is LinkFault.UNKNOWN_HOST
     assert why_silent(NO_WAY, 5.0).code == key_of(LinkFault.NOBODY_ANSWERS)
+
+
+@pytest.mark.parametrize("host", ["exo..local", f"{'a' * 64}.local"])
+def test_a_name_that_is_none_is_told_as_unknown(host: str) -> None:
+    with pytest.raises(AppError) as refused:
+        resolve(host)
+    assert refused.value.code is LinkFault.UNKNOWN_HOST
+    assert refused.value.values["host"] == host
+    assert refused.value.values["detail"]
