@@ -6,8 +6,10 @@ import sys
 
 from app.console.app import ConsoleApp
 from app.console.observer import ObserverHost
+from app.link.wire import LinkFault
 from app.session.shared import held_session, shared
 from app.system.config import Config, SessionSetup
+from app.system.errors import AppError
 from app.system.operators import needs_sign_in
 from app.system.paths import Home
 from app.system.scheduling import autogroup_nice, set_scheduling
@@ -20,12 +22,15 @@ def run_console(home: Home, config: Config, *, straight: bool = False, read_only
 
     straight: begin with the configured patient's session; so does a console that only simulates, because then
     nothing can happen to anybody. A session of this home whose console is gone is taken over instead.
-    Raises AppError or ProfileError for what configuration or profile gets wrong.
+    Raises AppError or ProfileError for what configuration or profile gets wrong; AppError as well where the session is
+    held for a laptop.
     """
     if read_only:
         observe(home, config)
         return
     held = held_session(home)  # with what was chosen for it; the next session is begun with what is configured
+    if held is not None and held.linked:  # its leases are those of `rleex joints`: control would hear no console here
+        raise AppError(LinkFault.HELD_FOR_LAPTOP, session=held.session)
     simulated = not needs_sign_in(config)
     profile = ProfileStore(home.profiles).load(config.patient) if (straight or simulated) and not held else None
     app = ConsoleApp(home, config, profile=profile, held=held)

@@ -38,6 +38,7 @@ class LinkFault(Enum):
     ANOTHER_LAPTOP = auto()  # session
     SESSION_RUNS = auto()  # session
     SESSION_OVER = auto()  # session
+    HELD_FOR_LAPTOP = auto()  # session
     NAME_INVALID = auto()
     SIGN_IN_NEEDED = auto()
     NOT_STARTED = auto()  # detail

@@ -16,9 +16,11 @@ from app.console.screens.session import SessionScreen
 from app.console.screens.signin import SignInDialog
 from app.console.screens.start import StartSession
 from app.ipc.messages import OperatorKind
+from app.link.wire import LinkFault
 from app.session.setup import make_setup
-from app.session.shared import current_lease, take_lease
+from app.session.shared import current_lease, share, take_lease, unshare
 from app.system.config import Config, JointsConfig, Purpose, SessionSetup
+from app.system.errors import AppError
 from app.system.operators import Role, add_operator, load_store, may_take_over, save_store
 from app.system.paths import Home
 from logs.journal import OPERATORS
@@ -196,3 +198,18 @@ def test_who_leaves_before_the_takeover_is_done_reads_that_the_session_stays(
     reported = capsys.readouterr().err
     assert "`rleex run` takes it over" in reported
     assert "120 seconds" in reported
+
+
+def test_a_session_that_is_held_for_a_laptop_is_left_to_rleex_joints(
+    held: SessionSetup, home: Home, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Control numbers leases as `rleex joints` does, ahead of the file from which a console takes the next."""
+    running = msgspec.structs.replace(held, host_pid=os.getpid(), linked=True)
+    first = take_lease(running.links)
+    share(running)
+    monkeypatch.setattr(ConsoleApp, "run", lambda _: None)
+    with pytest.raises(AppError) as refused:
+        run_console(home, Config())
+    unshare(running)
+    assert (refused.value.code, refused.value.values) == (LinkFault.HELD_FOR_LAPTOP, {"session": held.session})
+    assert current_lease(running.links) == first
