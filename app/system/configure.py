@@ -15,7 +15,7 @@ from app.system.authority import Authority, Proof, Subject
 from app.system.config import Config, ConfigFault, load_config
 from app.system.errors import AppError
 from app.system.journals import append_to_journal
-from app.system.operators import Permission
+from app.system.operators import Permission, store_held
 from app.system.paths import Home
 from logs.journal import CHANGES, parts_of
 from logs.read import records
@@ -41,23 +41,8 @@ _DIGEST = "sha256"  # field of a change: of the whole file
 def change_config(by: Authority, typed: Mapping[str, str]) -> dict[str, tuple[Any, Any]]:
     """Set dotted fields, keeping the file's comments; what changed. Raises AppError, ProfileError, AuditError."""
     by.require(Permission.CONFIGURE)
-    path = by.home.config
-    before = flat(msgspec.to_builtins(load_config(path)))
-    document = tomlkit.parse(_text(path))
-    for field, value in typed.items():
-        _set(document, field, value, before.get(field))
-    text = tomlkit.dumps(document)
-    try:
-        after = flat(msgspec.to_builtins(as_struct(parse_toml(text), Config)))
-    except OSError as error:
-        raise AppError(ConfigFault.NOT_CHANGED, detail=cause_of(error)) from error
-    changes = changed(before, after, before | after)
-    if changes:
-        recorded = changes | {_DIGEST: (_digest(_text(path)), _digest(text))}
-        why = reason(ConfigChange.BY_COMMAND)
-        by.change(Permission.CONFIGURE, Subject.CONFIGURATION, path.name, recorded, why)
-        replace_files({path: text})
-    return changes
+    with store_held(by.home.keys):  # two at a time would each write the file without the other's change
+        return _change(by, typed)
 
 
 def record_outside_change(home: Home, operator: str, role: str, proof: Proof) -> None:
@@ -77,6 +62,26 @@ def record_outside_change(home: Home, operator: str, role: str, proof: Proof) ->
             proof=proof.value,
         )
         append_to_journal(home, change, operator)
+
+
+def _change(by: Authority, typed: Mapping[str, str]) -> dict[str, tuple[Any, Any]]:
+    path = by.home.config
+    before = flat(msgspec.to_builtins(load_config(path)))
+    document = tomlkit.parse(_text(path))
+    for field, value in typed.items():
+        _set(document, field, value, before.get(field))
+    text = tomlkit.dumps(document)
+    try:
+        after = flat(msgspec.to_builtins(as_struct(parse_toml(text), Config)))
+    except OSError as error:
+        raise AppError(ConfigFault.NOT_CHANGED, detail=cause_of(error)) from error
+    changes = changed(before, after, before | after)
+    if changes:
+        recorded = changes | {_DIGEST: (_digest(_text(path)), _digest(text))}
+        why = reason(ConfigChange.BY_COMMAND)
+        by.change(Permission.CONFIGURE, Subject.CONFIGURATION, path.name, recorded, why)
+        replace_files({path: text})
+    return changes
 
 
 def _recorded_digest(journal: Path) -> str | None:
