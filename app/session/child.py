@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import os
 import signal
+from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 from pkgutil import resolve_name
 
 from app.ipc.links import end_links
@@ -44,7 +46,7 @@ def run_process(name: str, setup: SessionSetup) -> None:
         start_autogroup(name)
     home = Home(setup.home)
     start_log(home, name, session=setup.session, patient=setup.profile.identifier)
-    _redirect_output(home, f"{setup.session}-{name}")
+    _redirect_output(output_of(setup, name))
     _log.info("process started")
     try:
         resolve_name(ENTRY_POINTS[name])(setup)
@@ -57,11 +59,22 @@ def run_process(name: str, setup: SessionSetup) -> None:
     stop_log()
 
 
-def _redirect_output(home: Home, name: str) -> None:
-    """What native libraries print goes to a file, not to the terminal."""
-    folder = home.root / "diagnostics"
-    folder.mkdir(parents=True, exist_ok=True)
-    handle = os.open(folder / f"{name}.txt", os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
+def output_of(setup: SessionSetup, name: str) -> Path:
+    """The file for what native libraries print in a process of the session, instead of to the terminal."""
+    return setup.home / "diagnostics" / f"{setup.session}-{name}.txt"
+
+
+def remove_empty_output(setup: SessionSetup, name: str) -> None:
+    """After the process's end: most print nothing."""
+    path = output_of(setup, name)
+    with suppress(OSError):  # another place than a file, or a disk that can't be written
+        if not path.stat().st_size:
+            path.unlink()
+
+
+def _redirect_output(path: Path) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
     os.dup2(handle, 1)
     os.dup2(handle, 2)
     os.close(handle)

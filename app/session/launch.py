@@ -8,6 +8,7 @@ from contextlib import suppress
 
 from msgspec import Struct
 
+from app.session.child import output_of
 from app.session.shared import Peer, encode, take_lease
 from app.system.config import Config, SessionSetup
 from app.system.legs_lock import claim_legs
@@ -33,23 +34,27 @@ def launch(setup: SessionSetup, entry: str, without: frozenset[str]) -> Peer:
     order = tuple(name for name in _start_order(setup.config) if name not in without)
     start = Launch(setup=setup, entry=entry, order=order)
     take_lease(setup.links)
-    folder = setup.home / "diagnostics"
-    folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-    output = str(folder / f"{setup.session}-session.txt")
+    output = output_of(setup, "session")
+    output.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     reads, writes = os.pipe()
-    pid = os.posix_spawn(
-        sys.executable,
-        [sys.executable, "-m", "app.session.supervise"],
-        os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-        file_actions=[
-            (os.POSIX_SPAWN_DUP2, reads, 0),
-            (os.POSIX_SPAWN_OPEN, 1, output, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600),
-            (os.POSIX_SPAWN_DUP2, 1, 2),
-        ],
-        setsid=True,
-    )
+    try:
+        pid = os.posix_spawn(
+            sys.executable,
+            [sys.executable, "-m", "app.session.supervise"],
+            os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+            file_actions=[
+                (os.POSIX_SPAWN_DUP2, reads, 0),
+                (os.POSIX_SPAWN_OPEN, 1, str(output), os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600),
+                (os.POSIX_SPAWN_DUP2, 1, 2),
+            ],
+            setsid=True,
+        )
+    except OSError:
+        os.close(writes)
+        raise
+    finally:
+        os.close(reads)
     host = Peer(pid)
-    os.close(reads)
     with os.fdopen(writes, "wb") as pipe, suppress(BrokenPipeError):
         pipe.write(encode(start))
     return host

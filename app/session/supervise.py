@@ -24,7 +24,7 @@ from app.audit.sink import AuditSink
 from app.ipc import streams
 from app.ipc.links import LatestReceiver, Publisher, address, end_links
 from app.ipc.messages import ProcessStatus, SessionStatus, TriggerReport
-from app.session.child import Supervisor
+from app.session.child import Supervisor, remove_empty_output
 from app.session.launch import Launch
 from app.session.shared import Lease, Peer, current_lease, decode, share, start_of, unshare
 from app.system.diagnostics_log import get_logger, start_log, stop_log
@@ -99,6 +99,8 @@ class SessionProcesses:
         self._sink.close()
         shutil.rmtree(self._setup.links.path, ignore_errors=True)  # all that audit receives is connected
         end_child("audit", self._children.get("audit"))
+        for name in self._children:
+            remove_empty_output(self._setup, name)
         self._reports.close()
         self._statuses.close()
 
@@ -198,4 +200,6 @@ def supervise(launch: Launch) -> None:
 
 
 if __name__ == "__main__":
-    supervise(decode(sys.stdin.buffer.read(), Launch))
+    begun = decode(sys.stdin.buffer.read(), Launch)
+    supervise(begun)
+    remove_empty_output(begun.setup, "session")  # not after an exception, whose traceback comes last

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -18,8 +19,8 @@ import pytest
 from app.audit.process import GIVE_UP_S
 from app.ipc.streams import SESSION
 from app.session import supervise
-from app.session.child import AWAY_S, BACK_OFF_S, LOADING_S, SILENCE_S, STEADY_S, Supervisor
-from app.session.launch import Launch
+from app.session.child import AWAY_S, BACK_OFF_S, LOADING_S, SILENCE_S, STEADY_S, Supervisor, output_of
+from app.session.launch import START_ORDER, Launch, launch
 from app.session.setup import make_setup
 from app.session.shared import encode, take_lease
 from app.session.supervise import SessionProcesses, end_child
@@ -259,3 +260,40 @@ def test_a_session_ends_in_order_though_its_file_can_not_be_removed(tmp_path: Pa
         process.send_signal(signal.SIGTERM)
         assert process.wait(60.0) == 0
     assert not setup.links.path.exists()
+
+
+def test_what_printed_nothing_leaves_no_file(tmp_path: Path) -> None:
+    setup = make_setup(Home(tmp_path), Config(), DEMO_PATIENT, None)
+    launched = Launch(setup=setup, entry="app.session.child:run_process", order=("perception", "control"))
+    processes = ShortOfMemory(launched, Clock(), 0)
+    for name, printed in (("perception", ""), ("control", "a library's warning")):
+        output_of(setup, name).parent.mkdir(exist_ok=True)
+        output_of(setup, name).write_text(printed)
+    processes.close()
+    assert [path.name for path in (tmp_path / "diagnostics").iterdir()] == [output_of(setup, "control").name]
+
+
+def test_a_session_s_own_process_that_printed_nothing_leaves_no_file(tmp_path: Path) -> None:
+    home = Home(tmp_path / "home")
+    setup = make_setup(home, Config(), DEMO_PATIENT, None)
+    process = launch(setup, "app.session.child:run_process", frozenset(START_ORDER))
+    limit_s = time.monotonic() + 60.0
+    while not home.session_file.exists():
+        assert time.monotonic() < limit_s
+        time.sleep(0.01)
+    assert output_of(setup, "session").exists()
+    process.end(60.0)
+    process.close()
+    assert not output_of(setup, "session").exists()
+
+
+def test_a_session_whose_process_can_not_be_started_leaves_nothing_open(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    setup = make_setup(Home(tmp_path), Config(), DEMO_PATIENT, None)
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "gone"))
+    before = set(Path("/proc/self/fd").iterdir())
+    with pytest.raises(FileNotFoundError):
+        launch(setup, "app.session.child:run_process", frozenset())
+    assert set(Path("/proc/self/fd").iterdir()) == before
+    shutil.rmtree(setup.links.path)
