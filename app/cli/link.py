@@ -68,7 +68,8 @@ def _show_code(place: Home, port: int) -> None:
         raise AppError(LinkFault.NO_SERVICE, home=place.root, port=port)
     code, before = pairing.new_code(), peers_of(place)
     pairing.write_offer(place, pairing.Offer(code=code, expires_s=time.time() + pairing.LASTS_S))
-    print_text("cli.link.code", code=code, minutes=int(pairing.LASTS_S // 60))
+    suffix = "" if port == PORT else f":{port}"
+    print_text("cli.link.code", code=code, minutes=int(pairing.LASTS_S // 60), port=suffix)
     try:
         while (offer := pairing.read_offer(place, time.time())) is not None and offer.left > 0:
             time.sleep(POLL_S)

@@ -75,7 +75,12 @@ def test_a_code_is_shown_only_where_the_service_looks_for_it(
         wait_for(f"127.0.0.1:{port}", lambda: process.poll() is None)
         pairing = ("link", "pair", "--port", str(port))
         said = refused(monkeypatch, capsys, *pairing)
-        assert "The code is used up" in refused(monkeypatch, capsys, *pairing, "--home", str(service.root))
+        monkeypatch.setattr("sys.argv", ["rleex", *pairing, "--home", str(service.root)])
+        with pytest.raises(SystemExit):
+            main()
+        shown = capsys.readouterr()
+        assert "The code is used up" in shown.err
+        assert shown.out.endswith(f"rleex link pair ADDRESS:{port}\n")
     assert f"`rleex joints` with the home {home.root} does not answer on port {port}" in said
 
 
