@@ -21,7 +21,7 @@ from app.link.commands import CommandRelay
 from app.link.wire import LinkFault, LinkNotice, SessionRequest
 from app.session.host import SessionHost
 from app.session.setup import make_setup
-from app.session.shared import held_session
+from app.session.shared import held_session, unshare_dead
 from app.system.authority import Proof
 from app.system.config import Config, SessionSetup, load_config
 from app.system.configure import record_outside_change
@@ -121,25 +121,21 @@ class ServedSession:
             link.close()
         self._sink.close(0.0)
 
-    def leave(self) -> None:
-        """This process ends and the session stays, held."""
-        self.close_links()
-        self._host.leave()
-
     def _start(self) -> None:
         try:
             self._host.start()
             self._started = True
-        except (CodedError, OSError) as error:
+        except (CodedError, OSError, RuntimeError) as error:  # RuntimeError: no thread can be started
             self.fault = not_started(error)
             self.end()
 
     def _close(self) -> None:
         self._host.close()
+        unshare_dead(self._host.setup)
         self.ended = True
 
 
-def not_started(error: CodedError | OSError) -> Reason:
+def not_started(error: CodedError | OSError | RuntimeError) -> Reason:
     """As the laptop is told it, where a file of this computer would be taken for one of its own."""
     if isinstance(error, CodedError):
         why = reason_of(error)

@@ -112,6 +112,20 @@ def unshare(setup: SessionSetup) -> None:
     Home(setup.home).session_file.unlink(missing_ok=True)
 
 
+def unshare_dead(setup: SessionSetup) -> None:
+    """The session's own process was killed, and left its file with the session's key.
+
+    For one who holds the home's lock, and so begins no other session meanwhile. Any other session's file stays, and
+    one whose process lives.
+    """
+    path = Home(setup.home).session_file
+    with suppress(OSError, ValueError, TypeError, RecursionError, msgspec.MsgspecError):
+        left = decode(read_bytes(path, _MAX_BYTES), SessionSetup)
+        with closing(Peer(left.host_pid, left.host_started)) as host:
+            if left.session == setup.session and not host.alive:
+                path.unlink()
+
+
 def shared(home: Home) -> SessionSetup:
     """The running session. Raises AppError when there is none."""
     try:

@@ -46,7 +46,8 @@ def server(tmp_path: Path) -> Iterator[JointsServer]:
     with closing(JointsServer(Home(tmp_path), free_port(), NoWorkers())) as resumed:
         assert resumed._session is not None
         yield resumed
-        resumed._session.leave()
+        resumed._session.close_links()
+        resumed._session._host.leave()
     shutil.rmtree(setup.links.path)
 
 

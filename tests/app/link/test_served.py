@@ -23,13 +23,15 @@ from app.link.beats import LOST_NS
 from app.link.clock import ClockEstimate
 from app.link.served import ServedSession
 from app.link.wire import LinkFault, SessionRequest, StopMark
+from app.session.host import SessionHost
 from app.session.setup import make_setup
+from app.session.shared import share, start_of
 from app.system.config import Config, JointsConfig
 from app.system.paths import Home
 from hal.errors import CanFault
 from logs.journal import CHANGES
 from logs.read import records
-from logs.reason import Reason, key_of
+from logs.reason import Reason, key_of, reason
 from logs.records import Change
 from profiles.schema import DEMO_PATIENT
 from testing.messages import STANDING
@@ -99,7 +101,8 @@ class Served:
         return [one for one in found if one is not None]
 
     def close(self) -> None:
-        self.session.leave()
+        self.session.close_links()
+        self.session._host.leave()
         self._operator.close()
         self._snapshots.close()
         shutil.rmtree(self.links.path)
@@ -310,8 +313,40 @@ def test_what_an_editor_changed_here_is_on_record_under_the_laptops_operator(tmp
         config = Config(joints=JointsConfig(kind="can", interface=interface))
         session = ServedSession.begun(home, config, request, NoWorkers())
         assert (home.logs / CHANGES).exists() is not config.joints.emulated
-        session.leave()
+        session.close_links()
+        session._host.leave()
     (record,) = (one for one in records(home.logs / CHANGES) if isinstance(one.body, Change))
     assert isinstance(record.body, Change)
     assert (record.operator, record.body.role, record.body.proof) == ("ann", "therapist", "pin")
     assert record.body.subject == "configuration"
+
+
+@pytest.mark.parametrize("error", [RuntimeError("can't start new thread"), BlockingIOError("no process")])
+def test_a_session_for_which_nothing_can_be_started_ends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, error: Exception
+) -> None:
+    def start(_: SessionHost) -> None:
+        raise error
+
+    monkeypatch.setattr(SessionHost, "start", start)
+    made = make_setup(Home(tmp_path), Config(), DEMO_PATIENT, None, permission=None)
+    session = ServedSession(replace(made, linked=True), AtOnce(), held=False)
+    session.close_links()
+    assert session.ended
+    assert session.fault == reason(LinkFault.NOT_STARTED, detail=str(error))
+
+
+@pytest.mark.parametrize(("name", "lives", "stays"), [("", False, False), ("", True, True), ("other", False, True)])
+def test_the_file_of_a_session_whose_own_process_was_killed_goes_with_its_end(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, lives: bool, stays: bool
+) -> None:
+    """It holds the session's key. name: of another session, whose file it is."""
+    home = Home(tmp_path)
+    made = replace(make_setup(home, Config(), DEMO_PATIENT, None, permission=None), linked=True)
+    started = start_of(os.getpid()) if lives else "an earlier boot"
+    share(replace(made, session=name or made.session, host_pid=os.getpid(), host_started=started))
+    monkeypatch.setattr(SessionHost, "start", lambda _: None)
+    session = ServedSession(made, AtOnce(), held=False)
+    session.end()
+    session.close_links()
+    assert home.session_file.exists() is stays
