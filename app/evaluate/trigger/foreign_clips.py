@@ -23,6 +23,7 @@ BESIDE_M = 0.19  # the enrolled hand stands aside by it
 # the hand is, and one before the hand stops its push.
 BEHIND_M = 0.11
 FIRST_FOREIGN = 700_000  # nobody else's seed
+PEOPLE = 100_000  # of whom each hand is drawn
 GESTURES = tuple(Gesture)
 
 
@@ -115,7 +116,7 @@ def crossing(draw: np.random.Generator, own_left: bool) -> Foreigner:
 
 def foreigner(draw: np.random.Generator, kind: ForeignKind, own_left: bool) -> Foreigner:
     """A person drawn at random, with the side and the arm of that kind."""
-    seed = FIRST_FOREIGN + int(draw.integers(100_000))
+    seed = FIRST_FOREIGN + int(draw.integers(PEOPLE))
     nearer_m = float(draw.uniform(0.04, 0.10))
     first, second = draw.choice(len(GESTURES), 2, replace=False)
     # From the left, the right or above (π), each spread by 10°; of the other side also from below.
@@ -153,20 +154,25 @@ class Clip:
 
 
 def clips(*, frames: int, pushes: int, seed: int) -> list[Clip]:
-    """At least so many frames with a foreign hand; so many pushes of the enrolled one alone, beside one and crossed."""
+    """Clips of at least so many frames in all; so many pushes of the enrolled hand alone, beside one and crossed."""
     return list(_clips(frames, pushes, seed))
 
 
+def _own(seed: int) -> np.random.Generator:
+    """Of the enrolled people; a generator of its own, so that a clip is the same however many there are of others."""
+    return np.random.default_rng([seed, 0x006F_776E])
+
+
 def _clips(frames: int, pushes: int, seed: int) -> Iterator[Clip]:
-    draw, kinds = np.random.default_rng([seed, 0x666F_7265]), tuple(ForeignKind)
+    draw, own, kinds = np.random.default_rng([seed, 0x666F_7265]), _own(seed), tuple(ForeignKind)
     for number in range(-(-frames // CLIP_FRAMES)):
-        kind, own_seed = kinds[number % len(kinds)], FIRST_FOREIGN - 1 - number
+        kind, own_seed = kinds[number % len(kinds)], FIRST_FOREIGN - 1 - int(own.integers(PEOPLE))
         other = foreigner(draw, kind, person_of(own_seed).shape.left)
         gesture = GESTURES[int(draw.integers(len(GESTURES)))] if kind in ACROSS else None
         yield Clip(name=f"{seed}-{number}", kind=kind, own_seed=own_seed, gesture=gesture, other=other)
-    draw = np.random.default_rng([seed, 0x7075_7368])
+    draw, own = np.random.default_rng([seed, 0x7075_7368]), _own(seed)
     for number in range(pushes):
-        own_seed, gesture = FIRST_FOREIGN // 2 + number, GESTURES[number % len(GESTURES)]
+        own_seed, gesture = FIRST_FOREIGN // 2 + int(own.integers(PEOPLE)), GESTURES[number % len(GESTURES)]
         left = person_of(own_seed).shape.left
         others = {"alone": None, "beside": standing(draw, left), "crossed": crossing(draw, left)}
         for name, one in others.items():

@@ -137,6 +137,17 @@ def test_clips_are_the_same_for_the_same_seed_and_others_for_another() -> None:
     assert len({clip.name for clip in (*drawn[0], *drawn[2])}) == len(drawn[0]) + len(drawn[2])
 
 
+def test_another_seed_enrols_other_people() -> None:
+    people = [{clip.own_seed for clip in clips(frames=1000, pushes=12, seed=seed)} for seed in (1, 2)]
+    assert [len(one) for one in people] == [10 + 12] * 2
+    assert not people[0] & people[1]
+
+
+def test_pushes_are_the_same_beside_any_number_of_frames() -> None:
+    some, none = (clips(frames=frames, pushes=4, seed=1)[-12:] for frames in (1000, 0))
+    assert some == none
+
+
 @pytest.mark.parametrize(
     ("roll_deg", "aside", "kind"),
     [(90, 1, PushKind.BEHIND), (90, -1, PushKind.BESIDE), (-90, 1, PushKind.BESIDE), (180, 1, PushKind.BESIDE)],
