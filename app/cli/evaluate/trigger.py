@@ -160,7 +160,7 @@ def idle(
 
 @cli.command()
 def foreign(
-    frames: Annotated[int, typer.Option(help="Frames with a foreign hand.", min=0)] = 10_000,
+    frames: Annotated[int, typer.Option(help="Frames of the clips with a foreign hand, 105 each.", min=0)] = 10_000,
     attempts: Annotated[
         int,
         typer.Option(

@@ -35,7 +35,7 @@ TRACKERS = (("tracker_of_one", 1), ("tracker_of_two", 2))
 
 @dataclass(slots=True)
 class KindResult:
-    """Frames of one kind, those in which a foreign hand was in view, and what came of them."""
+    """Clips of one kind, their frames with a foreign hand in the image, and what came of them."""
 
     clips: int = 0
     frames: int = 0
@@ -134,11 +134,19 @@ def costs_table(costs: dict[str, tuple[float, float]]) -> Table:
 def foreign_table(result: ForeignResult) -> Table:
     """Commands of foreign hands, a kind."""
     rows = [
-        (tr(ForeignKind(name)), one.frames, one.commands, one.presses, one.without, f"{one.refused / one.frames:.0%}")
+        (
+            tr(ForeignKind(name)),
+            one.clips,
+            one.frames,
+            one.commands,
+            one.presses,
+            one.without,
+            f"{one.refused / one.frames:.0%}",
+        )
         for name, one in result.kinds.items()
         if one.frames
     ]
-    return table("foreign", "empty frames commands presses without refused", rows)
+    return table("foreign", "empty clips frames commands presses without refused", rows)
 
 
 def pushes_table(result: ForeignResult) -> Table:

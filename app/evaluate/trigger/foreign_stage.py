@@ -26,9 +26,11 @@ from app.evaluate.trigger.foreign_clips import (
     PushKind,
     turned,
 )
+from hal.cameras.camera import Intrinsics
 from hal.cameras.digital_hand.driver import DigitalHandCamera
 from hal.cameras.digital_hand.movement import SETTLED
-from hal.cameras.digital_hand.render import Scene, person_of, render
+from hal.cameras.digital_hand.raycast import project_px
+from hal.cameras.digital_hand.render import Scene, keypoints_m, person_of, render
 from kgdfa.gesture import Gesture
 from kgdfa.pipeline import PipelineInput, Report
 from kgdfa.preprocess import Image
@@ -42,6 +44,8 @@ PUSH_TIME_NS = round(CLICK_S * SECOND_NS) + 10 * FRAME_NS
 
 class ClipOutcome(Struct, frozen=True, kw_only=True):
     """What came of one clip; a line of the file that keeps them. right: of the enrolled hand's own push.
+
+    frames: those whose image holds a keypoint of the foreign hand; refused and reasons: of these.
 
     program: SHA-256 of its files, since clips of other rules make no sum; empty: not kept, or before it was.
     """
@@ -78,6 +82,8 @@ class Stage:
         self._replay = Replay()
         self._open_chain = chain("robust", person, self.own.lens, self._replay, THRESHOLD_M)
         self.without = 0  # commands that an open chain would have given
+        self.frames = 0  # with a foreign hand
+        self.reasons = Counter[str]()  # shown in them
         self.clip_ns = 0
 
     def detect(self, image_bgr: Image, captured_ns: int) -> tuple[Any, ...]:
@@ -93,7 +99,19 @@ class Stage:
         source = PipelineInput(image_bgr=image, captured_ns=self._detector.now_ns)
         report = self.chain.process(source)
         self.without = self._open_chain.process(source).button.release_count
+        if scene.second is not None and is_in_view(scene.second, scene.lens):
+            self.frames += 1
+            if report.refusal is not None:
+                self.reasons[report.refusal.code.name] += 1
         return report
+
+
+def is_in_view(hand: Scene, lens: Intrinsics) -> bool:
+    """Whether the image holds a keypoint of the hand, which may be behind the other one."""
+    if (joints := keypoints_m(hand)) is None:
+        return False
+    x, y = project_px(joints, lens).T
+    return bool(((x >= 0) & (x < lens.width_px) & (y >= 0) & (y < lens.height_px)).any())
 
 
 def run_clip(detector: PoolDetector, clip: Clip) -> ClipOutcome:
@@ -104,16 +122,15 @@ def run_clip(detector: PoolDetector, clip: Clip) -> ClipOutcome:
         reports, right = own_push(stage, clip)
     else:
         reports = list(foreign_frames(stage, clip))
-    refusals = [report.refusal.code.name for report in reports if report.refusal is not None]
     pressed = [False, *(report.button.pressed for report in reports)]
     return ClipOutcome(
         name=clip.name,
-        frames=len(reports),
+        frames=stage.frames,
         commands=reports[-1].button.release_count,
         presses=sum(now and not was for was, now in pairwise(pressed)),
         without=stage.without,
-        refused=len(refusals),
-        reasons=dict(Counter(refusals)),
+        refused=stage.reasons.total(),
+        reasons=dict(stage.reasons),
         right=right,
     )
 

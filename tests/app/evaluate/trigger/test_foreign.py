@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 from app.evaluate.detector_pool import PoolDetector
-from app.evaluate.harness import EvaluateFault, kept_lines
+from app.evaluate.harness import FRAME_NS, EvaluateFault, kept_lines
 from app.evaluate.loop.response import APPROACH_M
 from app.evaluate.trigger import foreign_stage
-from app.evaluate.trigger.foreign import ForeignResult, PushResult, evaluate_foreign
+from app.evaluate.trigger.foreign import ForeignResult, KindResult, PushResult, evaluate_foreign, foreign_table
 from app.evaluate.trigger.foreign_clips import (
     BESIDE_M,
     CLIP_FRAMES,
@@ -37,6 +37,7 @@ from kgdfa.hand import Hand
 from tests.support.known_hands import known_hand
 
 IMAGE = np.zeros((720, 1280, 3), np.uint8)
+IN_FRAMES = IN_NS // FRAME_NS
 
 
 class KnownHands:
@@ -91,13 +92,18 @@ def run(known: KnownHands, wanted: list[Clip], keep: Path | None = None, stop_af
     return evaluate_foreign(pool, wanted, lambda: None, keep)
 
 
+def clips_of(result: ForeignResult) -> int:
+    return sum(kind.clips for kind in result.kinds.values())
+
+
 def frames_of(result: ForeignResult) -> int:
     return sum(kind.frames for kind in result.kinds.values())
 
 
 def test_only_the_enrolled_hand_commands(known: KnownHands) -> None:
     result = run(known, clips(frames=5 * CLIP_FRAMES, pushes=1, seed=1))
-    assert (frames_of(result), result.commands, result.interrupted) == (5 * CLIP_FRAMES, 0, False)
+    assert (clips_of(result), result.commands, result.interrupted) == (5, 0, False)
+    assert 5 * CLIP_FRAMES - 5 * IN_FRAMES < frames_of(result) < 5 * CLIP_FRAMES, "not while it is still outside"
     assert result.pushes == {name: PushResult(pushes=1, right=1) for name in ("alone", "beside", "crossed")}
     alone = (result.kinds[kind.value] for kind in (ForeignKind.OTHER_SIDE, ForeignKind.SAME_SIDE))
     assert [(one.without > 0, one.refused > 50) for one in alone] == [(True, True)] * 2
@@ -109,10 +115,10 @@ def test_a_run_that_was_ended_goes_on_where_it_was(
     monkeypatch.setattr(foreign_stage, "CLIP_FRAMES", 10)
     wanted, keep = clips(frames=2 * CLIP_FRAMES, pushes=0, seed=1), tmp_path / "clips.jsonl"
     ended = run(known, wanted, keep, stop_after=1)
-    assert (frames_of(ended), ended.interrupted) == (10, True)
+    assert (clips_of(ended), ended.interrupted) == (1, True)
     rest: Any = HerePool(known, stop_after=1)
     result = evaluate_foreign(rest, wanted, lambda: None, keep)
-    assert (frames_of(result), result.interrupted) == (20, False)
+    assert (clips_of(result), result.interrupted) == (2, False)
     assert result == run(known, wanted)
 
 
@@ -121,7 +127,7 @@ def test_clips_of_another_program_are_refused(
 ) -> None:
     monkeypatch.setattr(foreign_stage, "CLIP_FRAMES", 10)
     wanted, keep = clips(frames=CLIP_FRAMES, pushes=0, seed=1), tmp_path / "clips.jsonl"
-    assert frames_of(run(known, wanted, keep)) == 10
+    assert clips_of(run(known, wanted, keep)) == 1
     (kept,) = kept_lines(keep, ClipOutcome)
     for program in ("another", ""):
         keep.write_bytes(msgspec.json.encode(msgspec.structs.replace(kept, program=program)) + b"\n")
@@ -146,6 +152,20 @@ def test_another_seed_enrols_other_people() -> None:
 def test_pushes_are_the_same_beside_any_number_of_frames() -> None:
     some, none = (clips(frames=frames, pushes=4, seed=1)[-12:] for frames in (1000, 0))
     assert some == none
+
+
+def test_a_hand_that_stays_outside_the_image_counts_no_frame(
+    known: KnownHands, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("app.evaluate.trigger.foreign_clips.IN_NS", 10**15)  # away stays 1
+    result = run(known, clips(frames=CLIP_FRAMES, pushes=0, seed=1))
+    assert (clips_of(result), frames_of(result)) == (1, 0)
+
+
+def test_the_table_shows_the_clips_of_each_kind() -> None:
+    result = ForeignResult(kinds={ForeignKind.BESIDE.value: KindResult(clips=7, frames=650)})
+    (row,) = zip(*(column.cells for column in foreign_table(result).columns), strict=True)
+    assert [str(cell) for cell in row[1:]] == ["7", "650", "0", "0", "0", "0%"]
 
 
 @pytest.mark.parametrize(
