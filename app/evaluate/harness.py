@@ -81,6 +81,7 @@ class EvaluateFault(Enum):
     ONNX_NOT_RUN = auto()  # file, detail
     NO_SPEECH = auto()  # program
     TABLE_NOT_MADE = auto()  # table, command, status
+    WALK_REFUSED = auto()  # why
 
 
 def require_extra(extra: str, *modules: str) -> None:

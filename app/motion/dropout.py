@@ -17,7 +17,9 @@ from app.ipc.states import Action, GaitState
 from app.motion import follower
 from app.motion.plan import Patient, Phase, Plan, PlanRequest, quad
 from app.motion.rehearsal import SEQUENCES, STARTS, RehearsalRun
+from app.motion.rehearsal_checks import RehearsalFault
 from app.motion.trajectory import plan
+from app.system.errors import AppError
 from hal.joints.device import Exoskeleton
 from hal.joints.protocol import TICK_HZ
 from logs.reason import Reason
@@ -48,7 +50,7 @@ def dropouts(
 ) -> Iterator[Dropout]:
     """One action with every length of silence; pause_from_ms: a longer one is a pause, a shorter one is ignored.
 
-    Raises ValueError when the action can't be carried out by this patient.
+    Raises AppError when the action can't be carried out by this patient.
     """
     run = _at_its_fastest(patient, device, action)
     for length_ms in missing_ms:
@@ -69,7 +71,7 @@ def dropouts_about(
 ) -> Iterator[Dropout]:
     """Each length of silence at so many ticks in a row about the action's fastest moment; a long one ends in a hold.
 
-    Raises ValueError when the action can't be carried out by this patient.
+    Raises AppError when the action can't be carried out by this patient.
     """
     run = _at_its_fastest(patient, device, action, before_ticks=times // 2)
     for _ in range(times):
@@ -112,7 +114,7 @@ def _at_its_fastest(patient: Patient, device: Exoskeleton, action: Action, befor
     for number, (part, phase) in enumerate(parts[: last + 1]):
         made = run.plan_next(number, part, phase)
         if refused or made.check.reason:
-            raise ValueError(str(refused or made.check.reason))
+            raise AppError(RehearsalFault.NOT_CARRIED_OUT, action=action, why=refused or made.check.reason)
         if number < last:
             run.follow(made)
             continue

@@ -41,6 +41,7 @@ class RehearsalFault(Enum):
     FOOT_SLIDES = "foot slides"
     PENETRATION = "penetration"
     STRIKES_OBSTACLE = "strikes the obstacle"
+    NOT_CARRIED_OUT = "not carried out"  # action, why
 
 
 class RehearsalVerdict(Struct, frozen=True, kw_only=True):

@@ -21,7 +21,7 @@ from hal.joints.guard import SPEED_MARGIN
 
 
 def all_dropouts(patient: Patient, device: Exoskeleton, step: Step) -> list[Dropout]:
-    """Every action with every length of silence. Raises ValueError when one can't be carried out."""
+    """Every action with every length of silence. Raises AppError when one can't be carried out."""
     found: list[Dropout] = []
     for action in Action:
         found.extend(dropouts(patient, device, action, MISSING_MS, pause_from_ms=CONTROL_LATE_MS, watch=step))

@@ -98,7 +98,7 @@ _SHOWN = {
 
 
 def compare(cases: Iterable[Case], device: Exoskeleton, step: Step = lambda: None) -> list[Compared]:
-    """Each case simulated, recorded, read and measured. Raises WalkRefusedError for one that can't be walked."""
+    """Each case simulated, recorded, read and measured. Raises AppError for one that can't be walked."""
     found = []
     for case in cases:
         patient = patient_of(case.profile, device)

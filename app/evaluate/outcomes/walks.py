@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from app.evaluate.harness import EvaluateFault
 from app.ipc.states import Action, GaitState
 from app.motion import follower
 from app.motion.kinematics import CLOSING, LEVEL, leg_length
@@ -19,6 +20,7 @@ from app.motion.walking import LONGEST_KNEE_RAD, SingleStep, step_movement
 from app.recording import schemas
 from app.recording.schemas import JointState, JointStates, time_of
 from app.recording.writer import RecordingWriter
+from app.system.errors import AppError
 from hal.joints.device import JOINT_NAMES, Exoskeleton
 from hal.joints.protocol import TICK_HZ, JointCommand
 from hal.joints.simulated.wearer import GroundTruth
@@ -39,14 +41,6 @@ class Walk:
     sits: bool = False  # first down, up again
 
 
-class WalkRefusedError(RuntimeError):
-    """A plan or a command of a simulated walk was refused: the case is no case."""
-
-    def __init__(self, why: Reason) -> None:
-        super().__init__(why)
-        self.why = why
-
-
 class RecordedWalk(RehearsalRun):
     """A rehearsal that is also written as a recording: what the drives reported, with their noise and quanta."""
 
@@ -58,7 +52,7 @@ class RecordedWalk(RehearsalRun):
         self._truth: list[GroundTruth] = []
 
     def perform(self, walk: Walk) -> tuple[GroundTruth, ...]:
-        """All of it, from standing to standing; the truth of each tick. Raises WalkRefusedError."""
+        """All of it, from standing to standing; the truth of each tick. Raises AppError where a plan is refused."""
         _raise(self.prepare())
         self._stand()
         if walk.sits:
@@ -155,4 +149,4 @@ class RecordedWalk(RehearsalRun):
 
 def _raise(why: Reason | None) -> None:
     if why is not None:
-        raise WalkRefusedError(why)
+        raise AppError(EvaluateFault.WALK_REFUSED, why=why)
