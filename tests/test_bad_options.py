@@ -298,6 +298,7 @@ def test_a_number_that_is_none_is_refused(path: tuple[str, ...], name: str, valu
     [
         (("simulate", "corners", "--preflight"), "--preflight"),
         (("simulate", "corners", "--plot", "x.png"), "--plot"),
+        (("simulate", "corners", "--profile", "tall"), "--profile"),
         (("simulate", "dropout", "--video", "x.mp4"), "--video"),
         (("simulate", "dropout", "--gait", "."), "--gait"),
         (("simulate", "fly"), "dropout"),
@@ -373,6 +374,14 @@ def test_a_seed_below_0_is_refused(path: tuple[str, ...], name: str) -> None:
 def test_a_seed_beyond_32_bits_is_refused(path: tuple[str, ...], name: str, value: int) -> None:
     with pytest.raises(typer.BadParameter):
         call(path, name, str(value))
+
+
+@pytest.mark.parametrize(
+    "path", [path for path, one in COMMANDS.items() for x in one.params if x.name == "workers"], ids=" ".join
+)
+def test_more_processes_than_a_computer_carries_are_refused(path: tuple[str, ...]) -> None:
+    with pytest.raises(typer.BadParameter):
+        call(path, "workers", "65")
 
 
 def test_every_json_file_is_tried_before_the_work() -> None:

@@ -74,7 +74,9 @@ def simulate(
 
     if action in {"corners", "dropout"}:
         unused = {"--gait": gait, "--video": video, "--preflight": preflight}
-        refuse_options(action, unused | ({"--plot": plot_file} if action == "corners" else {}))
+        if action == "corners":  # it has patients of its own
+            unused |= {"--plot": plot_file, "--profile": profile != "demo"}
+        refuse_options(action, unused)
     place = find_home(home)
     config = load_config(place.config)
     if preflight:

@@ -47,6 +47,7 @@ def speed(
         typer.Option(
             help="Time also 1 and N processes at once, each with a recording of its own; default: one a core; 0: none.",
             min=0,
+            max=64,
         ),
     ] = None,
     onnx: Onnx = None,
