@@ -101,7 +101,10 @@ STEPS = len(GESTURE_NAMES) * sum(len(joint.values_deg) for joint in JOINTS)
 
 
 def joint_ranges(rules: RobustRules, errors: Errors, step: Step = lambda: None) -> list[JointRange]:
-    """Every joint of every gesture walked by itself, the others as in the gesture's pose, other people at each step."""
+    """Every joint of every gesture walked by itself, the others as in the gesture's pose.
+
+    The same people with the same draws at each step, so that steps differ by the joint alone.
+    """
     ranges = []
     for gesture in GESTURE_NAMES:
         pose_deg = POSES[gesture].angles_deg
@@ -128,11 +131,11 @@ def _around(taken: NDArray[np.bool_], values: FloatArray, pose_deg: float) -> tu
 
 
 def _accepted(rules: RobustRules, errors: Errors, gesture: str, angles_deg: FloatArray) -> float:
-    """The share of people whose hand with these angles is taken for the gesture."""
+    """The share of people whose hand with these angles is taken for the gesture, of those who are in view."""
     random = np.random.default_rng(FIRST_PERSON)
     scenes = [scene_about(angles_deg, FIRST_PERSON + k, random, turned_like=gesture) for k in range(SAMPLES)]
     hands = [hand for scene in scenes if (hand := errors.observe(scene, random)) is not None]
-    return float(np.mean([rules.classify(hand).gesture is Gesture(gesture) for hand in hands]))
+    return sum(rules.classify(hand).gesture is Gesture(gesture) for hand in hands) / max(len(hands), 1)
 
 
 def joint_space_table(figures: JointFigures) -> Table:

@@ -3,11 +3,18 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from app.evaluate.gestures.joint_ranges import FIRST_PERSON, JOINTS, _around, joint_space_table, measure_joint_space
+from app.evaluate.gestures.joint_ranges import (
+    FIRST_PERSON,
+    JOINTS,
+    _accepted,
+    _around,
+    joint_space_table,
+    measure_joint_space,
+)
 from app.evaluate.gestures.joint_space import LABEL, Errors, joint_hands, label_by_joints, scene_about
 from app.evaluate.noise import residual
 from hal.cameras.digital_hand.raycast import project_px
-from hal.cameras.digital_hand.render import keypoints_m
+from hal.cameras.digital_hand.render import Scene, keypoints_m
 from hal.cameras.digital_hand.skeleton import GESTURES, LOOK_ALIKES, POSES
 from kgdfa.hand import Hand, Side
 from kgdfa.robust import RobustRules
@@ -63,6 +70,20 @@ def test_a_range_is_what_is_taken_about_the_pose() -> None:
     values = np.arange(0.0, 60.0, 10.0)
     assert _around(np.array([True, False, True, True, False, True]), values, 24.0) == (20.0, 30.0)
     assert _around(np.zeros(6, bool), values, 24.0) == (None, None)
+
+
+class OutOfView(Errors):
+    """Nobody's hand is in the image."""
+
+    def observe(self, scene: Scene, random: np.random.Generator) -> None:
+        """It sees none."""
+
+
+def test_a_pose_that_nobody_shows_in_view_is_accepted_of_nobody() -> None:
+    pose_deg = POSES["5"].angles_deg
+    assert _accepted(RobustRules(), NO_ERRORS, "5", pose_deg) == 1.0
+    outside = OutOfView(angles_deg=NO_ERRORS.angles_deg, image=NO_ERRORS.image, world=NO_ERRORS.world)
+    assert _accepted(RobustRules(), outside, "5", pose_deg) == 0.0
 
 
 def test_a_walked_joint_takes_along_what_moves_with_it() -> None:
