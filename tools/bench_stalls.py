@@ -28,7 +28,7 @@ from app.control.events.programs import CONTROL_LATE_MS, CONTROL_STALLED_MS
 from app.ipc.messages import OperatorKind
 from app.ipc.snapshot import ControlSnapshot
 from app.ipc.states import Action, Effect, Event, Outcome
-from app.motion.dropout import dropouts_about, fastest_moment
+from app.motion.dropout import dropouts, fastest_moment
 from app.motion.plan import Patient, patient_of
 from app.motion.rehearsal import RehearsalRun
 from app.system.scheduling import set_scheduling
@@ -185,7 +185,7 @@ def lockstep(times: int, cells: Cells) -> None:
     lengths = [stop_s * 1000 for stop_s in CONTROL_S]
     with suppress(KeyboardInterrupt):
         for action in shown(list(Action), "phases"):
-            for one in dropouts_about(
+            for one in dropouts(
                 patient,
                 device,
                 action,

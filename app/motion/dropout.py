@@ -7,8 +7,9 @@ slope.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from copy import deepcopy
+from math import inf
 
 import numpy as np
 from msgspec import Struct
@@ -43,34 +44,16 @@ def dropouts(
     patient: Patient,
     device: Exoskeleton,
     action: Action,
-    missing_ms: Iterable[float],
+    missing_ms: Sequence[float],
+    times: int = 1,
     *,
     pause_from_ms: float,
+    hold_from_ms: float = inf,
     watch: Callable[[], None] = lambda: None,
 ) -> Iterator[Dropout]:
-    """One action with every length of silence; pause_from_ms: a longer one is a pause, a shorter one is ignored.
+    """Each length of silence at so many ticks in a row about the action's fastest moment.
 
-    Raises AppError when the action can't be carried out by this patient.
-    """
-    run = _at_its_fastest(patient, device, action)
-    for length_ms in missing_ms:
-        missing = round(length_ms * TICK_HZ / 1000)
-        yield _interrupted(deepcopy(run), action, missing, pauses=length_ms > pause_from_ms)
-        watch()
-
-
-def dropouts_about(
-    patient: Patient,
-    device: Exoskeleton,
-    action: Action,
-    missing_ms: Iterable[float],
-    times: int,
-    *,
-    pause_from_ms: float,
-    hold_from_ms: float,
-) -> Iterator[Dropout]:
-    """Each length of silence at so many ticks in a row about the action's fastest moment; a long one ends in a hold.
-
+    pause_from_ms: a longer one is a pause, a shorter one is ignored; hold_from_ms: a longer one ends in a hold.
     Raises AppError when the action can't be carried out by this patient.
     """
     run = _at_its_fastest(patient, device, action, before_ticks=times // 2)
@@ -79,10 +62,11 @@ def dropouts_about(
             missing = round(length_ms * TICK_HZ / 1000)
             pauses, holds = length_ms > pause_from_ms, length_ms > hold_from_ms
             yield _interrupted(deepcopy(run), action, missing, pauses=pauses, holds=holds)
+            watch()
         run.tick()
 
 
-def _interrupted(run: RehearsalRun, action: Action, missing: int, *, pauses: bool, holds: bool = False) -> Dropout:
+def _interrupted(run: RehearsalRun, action: Action, missing: int, *, pauses: bool, holds: bool) -> Dropout:
     run.rows.clear()
     for _ in range(missing):
         run.miss_tick()
@@ -105,7 +89,7 @@ def _interrupted(run: RehearsalRun, action: Action, missing: int, *, pauses: boo
     )
 
 
-def _at_its_fastest(patient: Patient, device: Exoskeleton, action: Action, before_ticks: int = 0) -> RehearsalRun:
+def _at_its_fastest(patient: Patient, device: Exoskeleton, action: Action, before_ticks: int) -> RehearsalRun:
     """The action under way, at or before the moment at which a joint is nearest to its speed limit."""
     run = RehearsalRun(patient, device, action)
     parts = SEQUENCES.get(action, ((action, Phase.WHOLE),))

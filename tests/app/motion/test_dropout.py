@@ -12,7 +12,7 @@ from app.control.events.drives import FOLLOWING_LIMIT_RAD
 from app.control.events.programs import CONTROL_LATE_MS, CONTROL_STALLED_MS
 from app.evaluate.loop.dropout import dropout_table, plot_dropouts
 from app.ipc.states import Action
-from app.motion.dropout import Dropout, dropouts, dropouts_about
+from app.motion.dropout import Dropout, dropouts
 from app.motion.plan import patient_of
 from hal.joints.device import load_exoskeleton
 from hal.joints.guard import SPEED_MARGIN
@@ -52,7 +52,7 @@ def test_beyond_its_limit_control_holds_at_every_phase_and_the_legs_come_to_rest
     patient = patient_of(DEMO_PATIENT, DEVICE)
     lengths = (10.0, 80.0)
     limits = {"pause_from_ms": CONTROL_LATE_MS, "hold_from_ms": CONTROL_STALLED_MS}
-    every = list(dropouts_about(patient, DEVICE, Action.STEP_END, lengths, 3, **limits))
+    every = list(dropouts(patient, DEVICE, Action.STEP_END, lengths, 3, **limits))
     assert [one.missing_ms for one in every] == [*lengths] * 3
     for one in every:
         assert one.guard_refusal is None
