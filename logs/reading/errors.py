@@ -12,13 +12,11 @@ import msgspec
 UNDECODABLE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 
 
-class CodedError(Exception):
-    """A refusal: a code and its values. `str()` is for engineers; users read the rendered code."""
+class _BaseError(Exception):
+    """A code and its values. `str()` is for engineers; users read the rendered code."""
 
-    def __init__(self, code: Enum, **values: object) -> None:
-        super().__init__(code.name, values)
-        self.code = code
-        self.values = values
+    code: Enum
+    values: dict[str, object]
 
     def __reduce__(self) -> tuple[object, ...]:
         """An exception's own hands on what `super().__init__` got: a worker process could not return a refusal."""
@@ -26,6 +24,14 @@ class CodedError(Exception):
 
     def __str__(self) -> str:
         return " ".join([self.code.name, *(f"{name}={value}" for name, value in self.values.items())])
+
+
+class CodedError(_BaseError):
+    """A refusal: a code and its values."""
+
+    def __init__(self, code: Enum, **values: object) -> None:
+        super().__init__(code.name, values)
+        self.code, self.values = code, values
 
 
 class InputFault(Enum):
@@ -40,20 +46,12 @@ class InputFault(Enum):
     MALFORMED = "malformed"  # detail: the parser's message
 
 
-class InputError(OSError):
+class InputError(_BaseError, OSError):
     """A file that is refused: a code and its values. An OSError, so that who expects one of a file expects this."""
 
     def __init__(self, code: InputFault, **values: object) -> None:
         super().__init__(errno.EINVAL, code.value)
-        self.code = code
-        self.values = values
-
-    def __reduce__(self) -> tuple[object, ...]:
-        """As CodedError's."""
-        return partial(type(self), self.code, **self.values), ()
-
-    def __str__(self) -> str:
-        return " ".join([self.code.name, *(f"{name}={value}" for name, value in self.values.items())])
+        self.code, self.values = code, values
 
 
 def cause_of(error: Exception) -> object:
