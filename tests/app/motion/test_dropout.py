@@ -51,8 +51,8 @@ def test_fast_patients_survive_a_pause_over_an_obstacle_too(step_time_s: float, 
 def test_beyond_its_limit_control_holds_at_every_phase_and_the_legs_come_to_rest_softly() -> None:
     patient = patient_of(DEMO_PATIENT, DEVICE)
     lengths = (10.0, 80.0)
-    limits = {"pause_from_ms": CONTROL_LATE_MS, "hold_from_ms": CONTROL_STALLED_MS}
-    every = list(dropouts(patient, DEVICE, Action.STEP_END, lengths, 3, **limits))
+    pause_ms, hold_ms = CONTROL_LATE_MS, CONTROL_STALLED_MS
+    every = list(dropouts(patient, DEVICE, Action.STEP_END, lengths, 3, pause_from_ms=pause_ms, hold_from_ms=hold_ms))
     assert [one.missing_ms for one in every] == [*lengths] * 3
     for one in every:
         assert one.guard_refusal is None
