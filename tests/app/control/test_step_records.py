@@ -390,6 +390,7 @@ def test_a_stop_in_the_last_tick_is_recorded() -> None:
     rig.send(K.STOP)
     rig.send(K.SHUT_DOWN)
     rig.tick()
+    assert rig.outputs is not None
     assert rig.outputs.finished
     body = only(rig, records.Stop)
     assert (body.seen_ns, body.command_ns) == (rig.now_ns, 0), "no joint command was written for it any more"

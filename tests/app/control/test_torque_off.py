@@ -15,7 +15,7 @@ from app.control.inputs import DriveNotice
 from app.control.running_action import Stage
 from app.control.telemetry import LoopStatus, snapshot
 from app.ipc.links import new_link_directory
-from app.ipc.messages import GuardianHealth, Heartbeat
+from app.ipc.messages import GuardianHealth, Heartbeat, OperatorKind
 from app.ipc.snapshot import ControlSnapshot, Lateness, RealTime
 from app.ipc.states import Effect, Event, Outcome, RequestRefusal
 from app.ipc.streams import DAMP_NS, NS_PER_MS
@@ -110,7 +110,7 @@ def test_it_takes_the_torque_in_the_tick_in_which_the_plan_comes_that_would_stif
 
 
 @pytest.mark.parametrize("kinds", [(K.STOP, K.TORQUE_OFF), (K.TORQUE_OFF, K.STOP)])
-def test_in_the_tick_in_which_damping_begins_it_is_no_loss_of_power(kinds: tuple[K, K]) -> None:
+def test_in_the_tick_in_which_damping_begins_it_is_no_loss_of_power(kinds: tuple[OperatorKind, OperatorKind]) -> None:
     rig = resting(S.UNPOWERED)
     rig.send(K.ACT, A.INITIALISE)
     rig.run_until(lambda m: m.running is not None and m.running.stage is Stage.ENABLING)
