@@ -209,5 +209,7 @@ def idle_table(result: IdleResult) -> Table:
         for name in result.settings.chains
     ]
     values = {"frames": f"{result.frames:,}", "left_out": f"{result.left_out:,}"}
-    title = "idle.left_out" if result.settings.left_out else "idle"
-    return table(title, "empty commands presses cancelled", rows, left=4, **values)
+    columns = "empty commands presses cancelled"
+    if result.settings.left_out:
+        return table("idle.left_out", columns, rows, left=4, **values)
+    return table("idle", columns, rows, left=4, **values)
