@@ -163,6 +163,11 @@ def legs_of(now: ControlSnapshot) -> str:
     return "damped" if damped or unpowered else "held"
 
 
+def slack(now: ControlSnapshot | None) -> bool:
+    """Whether damped legs wait for a movement that grips them: their stop may be acknowledged already."""
+    return now is not None and now.enabled and now.damped
+
+
 def _holds(now: ControlSnapshot | None, legs: str) -> bool:
     return now is not None and now.effect is Effect.HOLD and legs_of(now) == legs
 
@@ -227,6 +232,7 @@ _STEPS: tuple[tuple[_Applies, str, str], ...] = (
         "bold $accent",
     ),
     (lambda _, now: now is not None and now.action is not None, "moving", "bold $accent"),
+    (lambda _, now: slack(now), "slack", "bold $error"),
     (lambda _, now: now is not None and not now.patient_confirmed, "confirm", "bold $accent"),
     (lambda state, _: not ready(state), "checks", "bold $warning"),
     (lambda _, now: now is not None and not now.armed, "arm", "bold $accent"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from math import ceil, floor
 
-from app.console.guidance import guidance_line
+from app.console.guidance import guidance_line, legs_of
 from app.console.state import SessionState
 from app.console.widgets.canvas import Canvas
 from app.console.widgets.gesture import FINGERS
@@ -29,11 +29,9 @@ def large_lines(state: SessionState, keys: Mapping[str, str], width: int, height
         line = guidance_line(state, dict(keys), watching=watching)
         return _text(line[0][0][0], line[0][0][1], width, height)
     if snapshot.effect >= Effect.HOLD:
-        room = max(1, height - _TEXT_ROWS)
-        rows = large(tr(snapshot.effect), width, room) or large(_STOP, width, room)
-        name = tuple(plain(row, "bold $error") for row in rows) or _text(
-            tr(snapshot.effect), "bold $error", width, room
-        )
+        room, legs = max(1, height - _TEXT_ROWS), f"legs.{legs_of(snapshot)}"
+        rows = large(tr(legs), width, room) or large(_STOP, width, room)
+        name = tuple(plain(row, "bold $error") for row in rows) or _text(tr(legs), "bold $error", width, room)
         below = hold_lines(state, keys, width, height - len(name) - 1, watching=watching)
         return (*name, plain(""), *below)[:height]
     place = max(_LEAST_ROWS, round(0.3 * height))
@@ -131,6 +129,6 @@ class LargePanel(DrawnPanel):
         """Draw the newest state, where it is on the screen."""
         width, height = self.content_size
         now = state.snapshot
-        at_once = now and (now.state, now.action, now.effect, now.armed, now.allowed)
+        at_once = now and (now.state, now.action, now.effect, now.enabled, now.damped, now.armed, now.allowed)
         if width and height and self.due(state.now_ns, (at_once, state.snapshot_fresh)):
             self.lines = large_lines(state, keys, width, height, watching=watching)

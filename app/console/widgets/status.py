@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from textual.message import Message
 
+from app.console.guidance import legs_of, slack
 from app.console.state import SessionState
 from app.console.widgets.health import health_dot
 from app.console.widgets.panel import Line, Lines, Part, StatePanel, bar, cells, fitted, padded, plain
@@ -78,8 +79,8 @@ def _status_parts(state: SessionState, snapshot: ControlSnapshot | None) -> list
         ("state", (f" {tr(snapshot.state)} ", "bold")),
         ("steps", (f" {tr('health.steps')} {snapshot.steps}/{setup.profile.dose.steps} ", "")),
     ]
-    if snapshot.effect >= Effect.HOLD:
-        parts.append(("effect", (f" {tr(snapshot.effect).upper()} ", EFFECT_STYLES[Effect.DAMP])))
+    if snapshot.effect >= Effect.HOLD or slack(snapshot):
+        parts.append(("effect", (f" {tr(f'legs.{legs_of(snapshot)}').upper()} ", EFFECT_STYLES[Effect.DAMP])))
     if not state.snapshot_fresh:
         parts.append(("silent", (f" {tr('status.silent')} ", EFFECT_STYLES[Effect.DAMP])))
     if snapshot.stop_received_ns and snapshot.stop_command_ns:

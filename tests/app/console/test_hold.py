@@ -28,7 +28,6 @@ from hal.joints.device import Joint
 from hal.joints.protocol import DriveFault
 from kgdfa.gesture import Gesture
 from logs.reason import reason
-from testing.fake_host import screen_text
 from testing.messages import event
 from tests.app.console.conftest import Opener
 from tests.app.console.test_sizes import DEVICES, KEYS, MOVING, READY, STOPPED, text_of
@@ -198,19 +197,6 @@ def test_legs_that_never_had_power_are_not_said_to_stand() -> None:
     assert tr("hold.off") in text
     assert tr("hold.held") not in text
     assert next_step(state)[0] == "off"
-
-
-@pytest.mark.parametrize(("state", "damped"), [(GaitState.BETWEEN, True), (GaitState.UNPOWERED, False)])
-async def test_a_stop_on_legs_that_bear_nothing_does_not_say_that_they_are_held(
-    console: Opener, state: GaitState, damped: bool
-) -> None:
-    """Damped legs after an acknowledgement, and joints that have just been powered."""
-    walked = {"effect": Effect.HOLD, "enabled": True, "damped": damped, "state": state}
-    async with console() as opened:
-        opened.host.events, opened.host.walked = (event(Event.STOP, Effect.HOLD),), walked
-        await opened.shows("Support the patient")
-        await opened.shows("LEGS DAMPED")
-        assert tr("hold.held") not in screen_text(opened.app)
 
 
 async def test_the_screen_of_joints_without_power_says_that_they_are_off(console: Opener) -> None:

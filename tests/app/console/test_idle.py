@@ -16,7 +16,7 @@ from app.console.screens.patients import PatientsScreen
 from app.console.screens.signin import LockScreen
 from app.console.widgets.bars import StopBar
 from app.ipc.messages import OperatorKind
-from app.ipc.states import Action, Effect, Event
+from app.ipc.states import Action, Effect, Event, GaitState
 from app.system.config import Config
 from testing.fake_host import FakeHost
 from testing.messages import event
@@ -197,7 +197,7 @@ async def test_a_hold_in_the_middle_of_a_walk_stays_in_sight_for_the_whole_time(
         for _ in range(3):  # nobody touches a key: the patient walks by gestures
             passes(900.0)
             await _beat(open_console)
-        host.walked, host.effect = {}, Effect.HOLD
+        host.walked, host.effect, host.state = {"enabled": True}, Effect.HOLD, GaitState.BETWEEN
         host.events = (event(Event.FOLLOWING_LIMIT, Effect.HOLD, time.monotonic_ns(), angle_rad=0.2),)
         await open_console.until(lambda: (state := app.live_state()) and state.effect is Effect.HOLD)
         passes(900.0)

@@ -86,7 +86,7 @@ def test_a_session_is_told_from_its_start_to_a_stop_and_on() -> None:
     told.host.send(OperatorKind.STOP)
     stopped = told.hear()
     assert stopped[0] == "Legs held, gestures blocked until the therapist acknowledges."
-    assert stopped[1].startswith("legs held: STOP")
+    assert stopped[1].startswith("hold: STOP")
     told.host.send(OperatorKind.ACKNOWLEDGE)
     assert "Acknowledged." in told.hear()
 

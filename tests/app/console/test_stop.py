@@ -14,7 +14,7 @@ from app.console.screens.dialogs import Question
 from app.console.stop import DOUBLE_CLICK_NS, REPEAT_BEGINS_NS, REPEAT_GAP_NS, Press, StopKeyState, click, press
 from app.console.widgets.bars import StopBar
 from app.ipc.messages import OperatorKind
-from app.ipc.states import Effect, Event
+from app.ipc.states import Effect, Event, GaitState
 from app.link.clock import ClockEstimate, localized
 from app.session.latest import Latest
 from app.text.catalogue import render, tr
@@ -106,6 +106,7 @@ async def test_below_the_palette_the_session_goes_on_showing_what_stop_did(conso
         app, host = open_console.app, open_console.host
         await open_console.press("c", "y", "a", "t", "0")
         await open_console.shows(" ARMED  standing")
+        host.walked = {"enabled": True}
         await open_console.press("ctrl+p", "w", "space")
         await open_console.shows("HELD")
         await open_console.shows("ARMED, BLOCKED")
@@ -119,6 +120,8 @@ async def test_below_the_palette_the_session_goes_on_showing_what_stop_did(conso
 async def test_a_second_press_damps_and_leaving_takes_two_deliberate_keys(console: Opener) -> None:
     async with console() as open_console:
         host = open_console.host
+        host.state, host.walked = GaitState.STANDING, {"enabled": True}
+        await open_console.shows(" standing ")
         await open_console.press("space")
         await open_console.shows("HELD")
         switch = open_console.app.switch

@@ -14,7 +14,7 @@ from app.control.step import STREAM_OF
 from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, Effect, Event, GaitState, Source
 from app.motion.follower import Mode
-from app.text.catalogue import key_of, render, use_language
+from app.text.catalogue import key_of, load, render, use_language
 from hal.joints.device import Joint
 from hal.joints.guard import limits_of
 from hal.joints.protocol import BusFault, DriveFault
@@ -149,6 +149,14 @@ def test_texts_report_what_happened_and_fit_the_screen(event: Event, code: str) 
     text = render(Reason(key_of(event), raised.detail | ({"detail": ""} if "detail" in raised.detail else {})))
     assert text[-1] in ".。"
     assert len(text) < 125
+
+
+@pytest.mark.parametrize("event", [event for event in Event if ROW[event].effect is Effect.HOLD])
+@pytest.mark.parametrize("code", ["en", "zh"])
+def test_no_text_of_a_stop_says_what_the_legs_do(event: Event, code: str) -> None:
+    """It stays on the screen while a second STOP damps them, or while they have no power; the screen says which."""
+    text = load(code).gettext(key_of(event))
+    assert not any(word in text for word in ("held", "hold", "保持"))
 
 
 @pytest.mark.parametrize("event", [event for event in Event if ROW[event].latch is Latch.POWERED])
