@@ -15,7 +15,7 @@ from contextlib import suppress
 from app.system.scheduling import set_scheduling
 
 ORDERLY_S = 0.5  # with 0.4 s for the terminal's restoring, and a busy machine's delays, below two seconds
-ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP)
+ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)  # Ctrl-C is a key: the terminal sends no signal for it
 
 
 class Ending:
@@ -31,7 +31,7 @@ class Ending:
         self._begun = False
 
     def on_signals(self) -> None:
-        """Begin on SIGTERM and SIGHUP. From the main thread; works while the event loop is stuck."""
+        """Begin on these signals. From the main thread; works while the event loop is stuck."""
         for number in ENDING_SIGNALS:
             signal.signal(number, lambda number, _: self.begin(128 + number))
 

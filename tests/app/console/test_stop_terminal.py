@@ -275,6 +275,7 @@ def test_stop_is_sent_while_the_terminal_does_not_read(tmp_path: Path) -> None:
 ENDS: dict[str, Callable[[TerminalUnderTest], object]] = {
     "SIGTERM": lambda console: console.process.send_signal(signal.SIGTERM),
     "SIGHUP": lambda console: console.process.send_signal(signal.SIGHUP),
+    "SIGINT": lambda console: console.process.send_signal(signal.SIGINT),
     "closed": lambda console: console.close(),
 }
 
