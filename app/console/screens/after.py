@@ -87,7 +87,8 @@ class AfterScreen(ConsoleScreen):
         yield from self.compose_bottom()
 
     def on_mount(self) -> None:
-        self.query_one(f"#{RATINGS[0][0]}").focus()  # no text field: the yes of a question that did not come is no note
+        # No text field: the yes of a question that did not come is no note. What was done stays in sight.
+        self.query_one(f"#{RATINGS[0][0]}").focus(scroll_visible=False)
 
     async def on_button_pressed(self) -> None:
         await self.action_save()

@@ -124,7 +124,7 @@ class PatientList(ConsoleScreen):
 
     def action_search(self) -> None:
         """To the search field."""
-        self.query_one("#search", Input).focus()
+        self.set_focus(self.query_one("#search", Input))  # at once: letters that wait behind this key are no commands
 
     def _chosen(self) -> Profile | None:
         table = self.query_one(DataTable)

@@ -67,7 +67,7 @@ class StartSession(ConsoleScreen):
         yield from self.compose_bottom()
 
     def on_mount(self) -> None:
-        self.query_one("#begin").focus()
+        self.query_one("#begin").focus(scroll_visible=False)  # who it is stays in sight
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002
         """Another computer's joints go by the pre-flights that it has on record, for its own device."""

@@ -166,9 +166,9 @@ class VocabularyScreen(HandKeys):
 
     async def _keep(self, proof: VocabularyProof) -> None:
         app, now = self.console_app, datetime.now(UTC)
-        setup = app.live_setup()
-        model, hand = recognition_hash(setup.config), setup.profile.hand
         with self.notify_errors():
+            setup = app.live_setup()
+            model, hand = recognition_hash(setup.config), setup.profile.hand
             profile = with_evidence(app.store.load(self._profile.identifier), proof, model, now, hand)
             app.store.save(profile, by=app.authority, at=now, why=ChangeCause.ENROLLED.key)
             app.trail.emit(enrolment_record(profile))

@@ -51,6 +51,7 @@ SCREENS: dict[str, tuple[bool, tuple[str, ...]]] = {
     "locked": (True, ("ctrl+l",)),
     "after": (True, ("e",)),
 }
+OPEN_AT_THE_TOP = {"after", "start"}  # although the focus is further down
 
 
 def test_every_theme_can_be_configured_and_no_other() -> None:
@@ -90,8 +91,9 @@ async def test_screen(snapshot: SnapshotAssertion, tmp_path: Path, name: str) ->
                 await wait_until(pilot, lambda: isinstance(app.screen, AfterScreen) and rating_has_focus(app))
             await settled(app, pilot)  # what has the focus is scrolled into sight by then
             app.screen.set_focus(None)
-            for part in app.screen.query(VerticalScroll):
-                part.scroll_home(animate=False, immediate=True)
+            if name not in OPEN_AT_THE_TOP:
+                for part in app.screen.query(VerticalScroll):
+                    part.scroll_home(animate=False, immediate=True)
             found = await in_all_sizes_and_themes(app, pilot)
             for size, text in found.items():
                 file = f"{name}-{size[0]}x{size[1]}"
