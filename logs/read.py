@@ -25,12 +25,14 @@ from logs.records import (
     Refusal,
     SessionStart,
     Stop,
+    VocabularyEnrolled,
     decode_record,
 )
 from logs.scan import Scan, in_tear, scan_file
 from logs.verify import is_session
 
 _BEGINNING = 200  # records; every process begins and the patient is chosen within the first dozens
+_ENROLMENT = f'"kind":"{VocabularyEnrolled.__struct_config__.tag}"'.encode()
 NOT_A_RECORD = "not-a-record"  # kinds of what is none
 NOT_UNDERSTOOD = "not-understood"
 
@@ -100,11 +102,27 @@ def session_paths(folder: Path) -> list[Path]:
     return [path for path in paths if is_session(path) and path.is_file()]
 
 
-def patient_of(path: Path) -> str:
-    """The patient of a session, from the trail's beginning; empty: none is named there. Raises AuditError."""
-    beginning = islice(read(path), _BEGINNING)
-    bodies = (record.body for record in beginning if isinstance(record, Record))
-    return next((body.patient for body in bodies if isinstance(body, PatientChosen)), "")
+def patient_and_purpose(path: Path) -> tuple[str, str]:
+    """Of a session, from the trail's beginning; empty: none is named there. Raises AuditError."""
+    purpose = ""
+    for record in islice(read(path), _BEGINNING):
+        body = record.body if isinstance(record, Record) else None
+        if isinstance(body, SessionStart):
+            purpose = body.purpose
+        elif isinstance(body, PatientChosen):
+            return body.patient, purpose
+    return "", purpose
+
+
+def holds_enrolment(path: Path) -> bool:
+    """Whether the end of an enrolment is in the trail: by it one is known that names no purpose. Raises AuditError."""
+    try:
+        with open_regular(path) as file:
+            lines = (line for line in iter(partial(file.readline, MAX_LINE), b"") if _ENROLMENT in line)
+            found = (understand(line, 0) for line in lines)
+            return any(isinstance(one, Record) and isinstance(one.body, VocabularyEnrolled) for one in found)
+    except OSError as error:
+        raise AuditError(AuditFault.TRAIL_UNREADABLE, path=path, detail=cause_of(error)) from error
 
 
 def find_session(folder: Path, name: str) -> Path:

@@ -164,6 +164,7 @@ def write_sample(
     per_second: int = 1,
     patient: str = "P-017",
     *,
+    purpose: str = "",
     parameters: dict[str, Any] | None = None,
     of_console: Iterable[r.Body] = (),
 ) -> Path:
@@ -177,7 +178,8 @@ def write_sample(
     name = datetime.fromtimestamp(clock.began_ns / 1e9, UTC).strftime("%Y%m%dT%H%M%SZ") + f"-{seed:04x}"
     writer = SessionWriter(folder, name, load_or_make_key(home / "keys"), Disk(), CheckpointCopy(""))
     versions = {"rleex": "0.1.0", "python": "3.11"}
-    writer.begin(r.SessionStart(versions=versions, configuration={}, simulated=True), clock.moment())
+    start = r.SessionStart(versions=versions, configuration={}, simulated=True, purpose=purpose)
+    writer.begin(start, clock.moment())
     writer.take(clock.moment().entry(r.PatientChosen(patient=patient, parameters=parameters or {})))
     at_end = (("console", body) for body in of_console)
     for count, (process, body) in enumerate(chain(bodies(minutes, clock, rng, per_second), at_end)):

@@ -254,6 +254,7 @@ def start_record(setup: SessionSetup) -> SessionStart:
         configuration=msgspec.to_builtins(setup.config),
         simulated=setup.config.joints.kind == "simulated" and not setup.config.joints.host,
         role=setup.role,
+        purpose=setup.purpose,
     )
 
 

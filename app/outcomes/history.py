@@ -15,12 +15,12 @@ from typing import TypeVar
 import msgspec
 from msgspec import Struct
 
-from app.outcomes.session import SessionOutcomes, find_outcomes, patient_of_trail
+from app.outcomes.session import SessionOutcomes, find_outcomes
 from app.system.errors import AppError
 from app.system.files import write_whole
 from app.system.paths import RECORDING_SUFFIX, Home, recording_path
 from logs.errors import AuditError
-from logs.read import find_session, session_paths
+from logs.read import find_session, holds_enrolment, patient_and_purpose, session_paths
 from logs.reading.errors import InputError
 from logs.reading.regular import read_bytes
 
@@ -79,12 +79,16 @@ def outcomes_of_patient(home: Home, patient: str) -> tuple[list[SessionOutcomes]
 
 
 def trails_of(folder: Path, patient: str) -> tuple[list[Path], list[Refused]]:
-    """The trails of this patient's sessions, oldest first; and those that can't be read."""
+    """The trails of this patient's sessions, oldest first; and those that can't be read.
+
+    Trainings and enrolments name a patient too, and walk nobody.
+    """
     found: list[Path] = []
     refused: list[Refused] = []
     for path in session_paths(folder):
         try:
-            if patient_of_trail(path) == patient:
+            named, purpose = patient_and_purpose(path)
+            if named == patient and (purpose == "session" or (not purpose and not holds_enrolment(path))):
                 found.append(path)
         except AuditError as error:
             refused.append(error)

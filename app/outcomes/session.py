@@ -21,7 +21,7 @@ from app.system.paths import RECORDING_SUFFIX, recording_path
 from hal.joints.body import Body
 from hal.joints.protocol import TICK_S
 from logs.errors import AuditError
-from logs.read import duration_s, find_session, joints_host, read, records, understand
+from logs.read import duration_s, find_session, joints_host, records, understand
 from logs.records import (
     ActionEnd,
     Discomfort,
@@ -146,12 +146,6 @@ def _commanded(trail: Sequence[Record]) -> Measures:
     taken = [(end, end.steps - steps) for end, steps in zip(ends, before, strict=False)]
     walks = [(end, steps) for end, steps in taken if end.action in WALKING_ACTIONS and end.first_motion_ns]
     return Measures(steps=sum(steps for _, steps in walks), walking_time_s=_time_in_s([end for end, _ in walks]))
-
-
-def patient_of_trail(path: Path) -> str:
-    """The pseudonym in a trail, empty without one; it stands in the first records. Raises AuditError."""
-    chosen = _chosen(record for record in read(path) if isinstance(record, Record))
-    return chosen.patient if chosen else ""
 
 
 def _outcomes(

@@ -17,6 +17,7 @@ class SessionStart(Struct, frozen=True, kw_only=True, tag_field="kind", tag="ses
     configuration: dict[str, Any]
     simulated: bool
     role: str = ""
+    purpose: str = ""  # session, training or enrolment; empty in trails from before it was recorded
     history_entries: int = 0  # entries of the console's manifest before this session
     history_hash: Hex = ""  # hash of its newest entry
 

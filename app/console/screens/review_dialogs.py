@@ -14,18 +14,23 @@ from app.console.screens.base import Dialog
 from app.console.widgets.text_field import TextField
 from app.text.catalogue import tr
 from logs.errors import AuditError
-from logs.read import patient_of, session_paths
+from logs.read import patient_and_purpose, session_paths
 from logs.reason import sanitize_terminal
+
+_NO_SESSIONS = ("training", "enrolment")
 
 
 def sessions_of(folder: Path) -> list[tuple[Path, str]]:
-    """Every session and its patient; without one where it can't be read, which opening it tells."""
+    """Every session, its patient, and what it was unless a session; only its name where it can't be read."""
     found = []
     for path in session_paths(folder):
         try:
-            found.append((path, patient_of(path)))
+            patient, purpose = patient_and_purpose(path)
         except AuditError:
-            found.append((path, ""))
+            found.append((path, ""))  # opening it tells why
+        else:
+            what = f"  ({tr(f'reviewing.{purpose}')})" if purpose in _NO_SESSIONS else ""
+            found.append((path, f"{patient}{what}"))
     return found
 
 
@@ -34,7 +39,7 @@ class ChooseSession(Dialog[Path]):
 
     def __init__(self, sessions: list[tuple[Path, str]]) -> None:
         super().__init__()
-        self._sessions = list(reversed(sessions))  # path, patient
+        self._sessions = list(reversed(sessions))  # path, whose and what
 
     def compose(self) -> ComposeResult:
         with Vertical(classes="dialog") as box:

@@ -10,16 +10,17 @@ from collections.abc import Callable, Iterator
 from functools import partial
 from multiprocessing.process import BaseProcess
 from pathlib import Path
+from typing import get_args
 
 import msgspec
 import pytest
 
-from app.audit.process import IDLE_S, run_audit
+from app.audit.process import IDLE_S, run_audit, start_record
 from app.audit.sink import AuditSink, other_trail
 from app.ipc.links import LatestReceiver, address, new_link_directory
 from app.ipc.messages import AuditHealth
 from app.ipc.streams import AUDIT_HEALTH, LinkDirectory
-from app.system.config import Config, SessionSetup
+from app.system.config import Config, Purpose, SessionSetup
 from app.system.paths import Home
 from logs.findings import Remark
 from logs.keys import by_fingerprint, known_keys, read_anchors
@@ -141,6 +142,15 @@ def test_everything_sent_is_written_in_order_and_signed_at_the_end(start: Callab
     assert [body.text for body in written if isinstance(body, Note)] == [str(n) for n in range(3000)]
     assert any(isinstance(body, SessionEnd) for body in written)
     assert exit_status(verify([session.home.logs], evidence(session.home))) == 0
+
+
+@pytest.mark.parametrize("purpose", get_args(Purpose))
+def test_the_first_record_says_what_runs(tmp_path: Path, purpose: Purpose) -> None:
+    links = LinkDirectory(path=tmp_path, public=b"", secret=b"")
+    setup = SessionSetup(
+        session="s1", home=tmp_path, links=links, config=Config(), profile=DEMO_PATIENT, operator="ann", purpose=purpose
+    )
+    assert start_record(setup).purpose == purpose
 
 
 def test_records_still_queued_at_the_end_are_written(start: Callable[[str], Session]) -> None:

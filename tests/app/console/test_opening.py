@@ -20,6 +20,7 @@ from app.system.paths import Home
 from app.text.catalogue import render, use_language
 from profiles.schema import DEMO_PATIENT
 from testing.fake_host import FakeHost, screen_text
+from testing.trails import write_sample
 from tests.app.console.conftest import Opener, wait_until
 from tests.app.console.test_late_input import handled, press
 from tests.app.console.test_snapshots import settled
@@ -112,3 +113,14 @@ async def test_an_enrolment_can_not_be_kept_once_the_console_ends(console: Opene
             await opened.tells(render(AppError(ConsoleFault.NO_SESSION)))
         finally:
             _Slow.may_leave.set()
+
+
+async def test_the_review_names_trainings_and_enrolments(console: Opener, home: Home) -> None:
+    write_sample(home.root, minutes=0.05, seed=1, purpose="session")
+    write_sample(home.root, minutes=0.05, seed=2, purpose="enrolment")
+    write_sample(home.root, minutes=0.05, seed=3, purpose="training", patient="demo")
+    async with console(profile=None) as opened:
+        await opened.press("r")
+        await opened.shows("-0003  demo  (training)")
+        await opened.shows("-0002  P-017  (enrolment)")
+        assert "-0001  P-017  (" not in opened.text()

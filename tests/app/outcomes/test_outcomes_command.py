@@ -15,7 +15,7 @@ from app.evaluate.outcomes.compare import Case, compare
 from app.evaluate.outcomes.walks import RecordedWalk, Walk
 from app.motion.plan import patient_of
 from app.outcomes import history
-from app.outcomes.history import HistoryFault, kept_outcomes, outcomes_of, outcomes_of_patient
+from app.outcomes.history import HistoryFault, kept_outcomes, outcomes_of, outcomes_of_patient, trails_of
 from app.outcomes.session import OutcomesFault, OutcomeSource, find_outcomes
 from app.recording.read import RecordingReadFault
 from app.recording.schemas import TOPICS
@@ -25,7 +25,7 @@ from app.system.paths import Home
 from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 from logs.line import seal
 from logs.read import records
-from logs.records import ActionEnd
+from logs.records import ActionEnd, VocabularyEnrolled
 from profiles.schema import DEMO_PATIENT, DoseTargets, GaitParameters
 from testing.trails import write_sample
 
@@ -114,6 +114,17 @@ def test_an_unreadable_session_is_named_and_the_others_are_told(home: Path, tmp_
     (logs / f"{second}.jsonl").unlink()
     code, text = run("outcomes", "--patient", "P-017", "--home", str(tmp_path))
     assert code != 0
+
+
+def test_trainings_and_enrolments_are_no_sessions_of_the_patient(tmp_path: Path) -> None:
+    ended = VocabularyEnrolled(patient="P-017", vocabulary=("5",))
+    session = write_sample(tmp_path, minutes=0.05, seed=1, purpose="session")
+    older = write_sample(tmp_path, minutes=0.05, seed=2)  # of a time that recorded no purpose
+    write_sample(tmp_path, minutes=0.05, seed=3, of_console=(ended,))
+    write_sample(tmp_path, minutes=0.05, seed=4, purpose="training")
+    write_sample(tmp_path, minutes=0.05, seed=5, purpose="enrolment")
+    write_sample(tmp_path, minutes=0.05, seed=6, purpose="session", patient="P-018")
+    assert trails_of(tmp_path / "logs", "P-017") == ([session, older], [])
 
 
 def trail_and_recording(home: Path, folder: Path) -> tuple[Path, Path]:
