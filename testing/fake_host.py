@@ -108,13 +108,13 @@ class FakeHost:
     def silence(self) -> None:
         """STOP can't be given any more: nobody asks."""
 
-    def move_hand(self, command: HandCommand) -> None:
+    def send_to_perception(self, command: HandCommand | PerceptionCommand) -> None:
+        if isinstance(command, PerceptionCommand):
+            self.perception_commands.append(command)
+            return
         self.hands.append(command)
         if isinstance(command.gesture, Gesture):
             self.gesture = command.gesture
-
-    def send_to_perception(self, command: PerceptionCommand) -> None:
-        self.perception_commands.append(command)
 
     def poll(self) -> Latest:
         now_ns = self.clock()

@@ -92,13 +92,10 @@ class StillHost(FakeHost):
         """The moment has come."""
         return self.now_ns == NOW_NS
 
-    def move_hand(self, command: HandCommand) -> None:
-        super().move_hand(command)
-        self._take_picture()
-
-    def send_to_perception(self, command: PerceptionCommand) -> None:
+    def send_to_perception(self, command: HandCommand | PerceptionCommand) -> None:
         super().send_to_perception(command)
-        self._pacer.configure(command)
+        if isinstance(command, PerceptionCommand):
+            self._pacer.configure(command)
         self._take_picture()
 
     def _take_picture(self) -> None:

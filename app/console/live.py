@@ -19,6 +19,7 @@ from app.ipc.states import Action
 from app.outcomes.guided import GuidedRefusal, GuidedRun, GuidedStop, GuidedTest, advance, begin, refusal_of, result_of
 from app.outcomes.guided import stop as stopped
 from app.session.latest import Latest
+from app.session.launch import MOVERS
 from app.system.authority import Authority
 from app.system.config import SessionSetup
 from app.system.operators import Permission
@@ -30,7 +31,6 @@ from logs.reason import reason
 from logs.records import GuidedTestResult, Record, Recording
 
 Clock = Callable[[], int]
-MOVERS = ("control", "link")  # what commands the legs, here or through the computer that has them
 
 
 class LiveSession:
@@ -98,7 +98,7 @@ class LiveSession:
     def move_hand(self, command: HandCommand) -> None:
         """Move the digital hand."""
         self.hand = both(self.hand, command)
-        self.host.move_hand(command)
+        self.host.send_to_perception(command)
 
     def record_pictures(self, consent: bool) -> None:
         """Tell perception whether pictures are agreed to; one that is restarted is told again."""
@@ -248,11 +248,8 @@ class Host(Protocol):
     def silence(self) -> None:
         """STOP can't be given any more."""
 
-    def move_hand(self, command: HandCommand) -> None:
-        """Move the digital hand."""
-
-    def send_to_perception(self, command: PerceptionCommand) -> None:
-        """Change what the picture looks like."""
+    def send_to_perception(self, command: HandCommand | PerceptionCommand) -> None:
+        """Move the digital hand, or change what the picture looks like."""
 
     def poll(self) -> Latest:
         """The newest of each stream, without waiting."""

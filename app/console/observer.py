@@ -70,11 +70,8 @@ class ObserverHost:
     def silence(self) -> None:
         """Nor does its end."""
 
-    def move_hand(self, command: HandCommand) -> None:
-        """An observer moves nothing."""
-
-    def send_to_perception(self, command: PerceptionCommand) -> None:
-        """An observer takes the picture as it is."""
+    def send_to_perception(self, command: HandCommand | PerceptionCommand) -> None:
+        """An observer moves nothing, and takes the picture as it is."""
 
     def poll(self) -> Latest:
         """The newest of each stream."""

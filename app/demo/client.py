@@ -38,7 +38,7 @@ class SessionClient:
         self._watch(tr("demo.waiting"))
         if not self._until(lambda: self.snapshot is not None and self._perceives(), START_S):
             raise self._not_started()
-        self._host.move_hand(HandCommand(move_z_m=-self._approach_m))
+        self._host.send_to_perception(HandCommand(move_z_m=-self._approach_m))
         self._host.send(OperatorKind.CONFIRM_PATIENT)
         self._host.send(OperatorKind.ARM)
         if not self._until(lambda: self._now.armed, ACCEPTANCE_S):

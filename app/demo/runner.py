@@ -59,7 +59,7 @@ class ScenarioRunner(SessionClient):
             return self._attempt(step, start, recognised=False, reason=why, interrupted=self._off_scenario(step))
         if action in self._now.by_key_only:
             return self._by_key(step, action, start)
-        self._host.move_hand(HandCommand(gesture=step.gesture))
+        self._host.send_to_perception(HandCommand(gesture=step.gesture))
         if not self._until(lambda: self._recognised(step), RECOGNITION_S):
             held = self._off_scenario(step)
             return self._attempt(step, start, recognised=False, reason=self._why_unrecognised(), interrupted=held)
@@ -67,7 +67,7 @@ class ScenarioRunner(SessionClient):
 
     def relax(self) -> None:
         """Let the hand rest, as a wearer does between gestures."""
-        self._host.move_hand(HandCommand(pose=HandPose.REST))
+        self._host.send_to_perception(HandCommand(pose=HandPose.REST))
         self._until(lambda: self.report is not None and self.report.gesture is None, RECOGNITION_S)
 
     def unintended(self) -> int:
@@ -111,16 +111,16 @@ class ScenarioRunner(SessionClient):
     def _click(self, action: Action, known: set[int]) -> bool:
         """Press and withdraw once within the click's time; whether the button was released by it."""
         before = self.report.release_count if self.report else 0
-        self._host.move_hand(HandCommand(click_s=self.click_s))
+        self._host.send_to_perception(HandCommand(click_s=self.click_s))
         self._until(lambda: self._new_action(action, known) is not None, self.click_s + ACCEPTANCE_S)
         return self.report is not None and self.report.release_count > before
 
     def _push_until_pressed(self, action: Action, known: set[int]) -> bool:
         """As people do whose click did nothing: push, wait for the button to turn green, withdraw."""
         before = self.report.release_count if self.report else 0
-        self._host.move_hand(HandCommand(press=True))
+        self._host.send_to_perception(HandCommand(press=True))
         self._until(lambda: self.report is not None and self.report.pressed, PRESSED_S)
-        self._host.move_hand(HandCommand(press=False))
+        self._host.send_to_perception(HandCommand(press=False))
         self._until(lambda: self._new_action(action, known) is not None, ACCEPTANCE_S)
         return self.report is not None and self.report.release_count > before
 

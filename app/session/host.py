@@ -163,13 +163,8 @@ class SessionHost:
         """STOP can't be given any more: no further heartbeat."""
         self._silent = True
 
-    def move_hand(self, command: HandCommand) -> None:
-        """Move the digital hand, where the camera is one."""
-        with self._lock:
-            self._perception.send(command)
-
-    def send_to_perception(self, command: PerceptionCommand) -> None:
-        """Change the picture's size or rate, or recording."""
+    def send_to_perception(self, command: HandCommand | PerceptionCommand) -> None:
+        """Move the digital hand, where the camera is one; change the picture's size or rate, or recording."""
         with self._lock:
             self._perception.send(command)
 

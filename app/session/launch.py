@@ -15,6 +15,7 @@ from app.system.legs_lock import claim_legs
 
 START_ORDER: tuple[str, ...] = ("audit", "perception", "guardian", "planner", "control")
 LINKED_ORDER: tuple[str, ...] = ("audit", "perception", "link")  # the joints are another computer's
+MOVERS = frozenset({"control", "link"})  # one of them: what commands the legs, here or through the other computer
 
 
 class Launch(Struct, frozen=True, kw_only=True):

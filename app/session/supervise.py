@@ -25,7 +25,7 @@ from app.ipc import streams
 from app.ipc.links import LatestReceiver, Publisher, address, end_links
 from app.ipc.messages import ProcessStatus, SessionStatus, TriggerReport
 from app.session.child import Supervisor, remove_empty_output
-from app.session.launch import Launch
+from app.session.launch import MOVERS, Launch
 from app.session.shared import Lease, Peer, current_lease, decode, share, start_of, unshare
 from app.system.diagnostics_log import get_logger, start_log, stop_log
 from app.system.legs_lock import claim_legs
@@ -48,8 +48,6 @@ END_PATIENCE_S = {
     "bus-log": 2.0,
     "recording": 5.0,
 }
-
-MOVERS = frozenset({"control", "link"})  # one of them: what commands the legs, here or through the other computer
 
 
 class SessionNotice(Enum):

@@ -81,7 +81,7 @@ def test_an_observer_receives_and_reports_nothing(setup: SessionSetup) -> None:
             publisher.send(report)
             assert time.monotonic() < limit
         observer.send(OperatorKind.SHUT_DOWN)
-        observer.move_hand(HandCommand(press=True))
+        observer.send_to_perception(HandCommand(press=True))
         observer.heartbeat()
         assert operator.receive(timeout_s=0.2) is None
     finally:
