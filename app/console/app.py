@@ -162,7 +162,7 @@ class ConsoleApp(LockApp):
         """Help on the screen that is open."""
         screen = self.screen
         if isinstance(screen, (ConsoleScreen, Dialog)) and not isinstance(screen, HelpPage):
-            text = page(screen.HELP_PAGE, screen.bindings_in_force, self)
+            text = page(screen.help_page, screen.bindings_in_force, self)
             self.push_kept(str(text), lambda: HelpPage(text))
 
     def action_command_palette(self) -> None:

@@ -146,6 +146,11 @@ class _Console(Screen[T], Generic[T]):
         return cast("ConsoleApp", self.app)
 
     @property
+    def help_page(self) -> str:
+        """Which page of the contextual help is this screen's."""
+        return self.HELP_PAGE
+
+    @property
     def bindings_in_force(self) -> dict[str, ActiveBinding]:
         """The keys in force; descriptions are names of texts."""
         return super().active_bindings

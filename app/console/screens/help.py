@@ -19,8 +19,9 @@ from app.console.widgets.panel import Line, Lines, cells, content_of, padded, pl
 from app.text.catalogue import knows, tr
 
 if TYPE_CHECKING:
-    from textual.app import App
     from textual.binding import ActiveBinding
+
+    from app.console.app import ConsoleApp
 
 Keys = tuple[tuple[str, str], ...]  # how a key is shown, and what it does
 _HAND = "hand."  # the digital hand's keys come last: F1 to F4 must be seen without scrolling
@@ -28,22 +29,24 @@ _HAND = "hand."  # the digital hand's keys come last: F1 to F4 must be seen with
 
 @dataclass(frozen=True, slots=True)
 class Page:
-    """name: of the text that says what this screen is for. keys: with the names of their texts."""
+    """name, stop: of the texts that say what this screen is for, and where STOP is. keys: with the names of theirs."""
 
     name: str
+    stop: str
     keys: Keys
 
     def lines(self, key_names: Mapping[str, str]) -> Lines:
         """What the screen is for, and STOP, in the language of now. key_names: how each key of the table is shown."""
-        return (plain(tr(self.name, **key_names)), plain(""), plain(tr("help.stop", **key_names), "bold"), plain(""))
+        return (plain(tr(self.name, **key_names)), plain(""), plain(tr(self.stop, **key_names), "bold"), plain(""))
 
 
-def page(name: str, bindings: Mapping[str, ActiveBinding], app: App[None]) -> Page:
+def page(name: str, bindings: Mapping[str, ActiveBinding], app: ConsoleApp) -> Page:
     """The page of this name, or the general one."""
     named = [active for active in bindings.values() if active.binding.id is not None and active.enabled]
     named.sort(key=lambda active: str(active.binding.id).startswith(_HAND))
     keys = tuple((app.get_key_display(active.binding), active.binding.description) for active in named)
-    return Page(f"help.{name}" if knows(f"help.{name}") else "help.general", keys)
+    stop = "help.stop_elsewhere" if app.read_only else "help.stop"
+    return Page(f"help.{name}" if knows(f"help.{name}") else "help.general", stop, keys)
 
 
 def table(keys: Keys, width: int) -> Lines:

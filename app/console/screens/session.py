@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import asyncio
+from dataclasses import replace
 from datetime import UTC, datetime
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
 from textual.app import ComposeResult
-from textual.binding import BindingType
+from textual.binding import ActiveBinding, BindingType
 from textual.containers import Container, Vertical
 
 from app.console import keys
@@ -98,6 +99,23 @@ class SessionScreen(HandKeys):
         self.query_one(FigurePanel).wearer = self.query_one(JointsPanel).wearer = self.wearer
         for panel in self.query(StatePanel):
             panel.show(state)
+
+    @property
+    def help_page(self) -> str:
+        return "watching" if self.console_app.read_only else self.HELP_PAGE
+
+    @property
+    def bindings_in_force(self) -> dict[str, ActiveBinding]:
+        """An observer's key ends no session: it leaves."""
+        found = super().bindings_in_force
+        if not self.console_app.read_only:
+            return found
+        return {
+            key: one._replace(binding=replace(one.binding, description="bind.leave"))
+            if one.binding.action == "end_session"
+            else one
+            for key, one in found.items()
+        }
 
     def discard(self) -> None:
         """The session ends with the program, without note and ratings: it belongs in the list all the same.

@@ -74,6 +74,9 @@ def _shown(key: str) -> str:
     return tr(f"key.{key}") if knows(f"key.{key}") else key.upper()
 
 
+_Key = tuple[str, str, str]  # key, how it is shown, what it does
+
+
 class KeyBar(Widget):
     """Shows the bindings that ask to be shown; a click on one presses its key.
 
@@ -81,20 +84,22 @@ class KeyBar(Widget):
     """
 
     can_focus = False
-    keys = reactive[tuple[tuple[str, str, str], ...]](())  # key, how it is shown, what it does
+    keys = reactive[tuple[_Key, ...]](())
 
     def on_mount(self) -> None:
         self.screen.bindings_updated_signal.subscribe(self, self._take)
         self.call_after_refresh(self._take, self.screen)
 
     def render(self) -> Content:
-        parts = [part for _, shown, does in self.keys for part in ((f" {shown}", "bold $accent"), (f" {does} ", ""))]
-        return Content.assemble(*parts)
+        fitting = self._fitting()
+        return Content.assemble(
+            *(part for _, shown, does in fitting for part in ((f" {shown}", "bold $accent"), (f" {does} ", "")))
+        )
 
     def on_click(self, event: events.Click) -> None:
         at = 0
-        for key, shown, does in self.keys:
-            at += cells(f" {shown} {does} ")
+        for key, shown, does in self._fitting():
+            at += _width((key, shown, does))
             if event.x < at:
                 self.app.simulate_key(key)
                 return
@@ -102,9 +107,26 @@ class KeyBar(Widget):
     def _take(self, screen: Screen[object]) -> None:
         if not self.is_attached or screen is not self.screen:
             return
-        shown: dict[str, tuple[str, str, str]] = {}
+        shown: dict[str, _Key] = {}
         for active in screen.active_bindings.values():
             binding = active.binding
             if binding.show and active.enabled and binding.action not in shown:
                 shown[binding.action] = (binding.key, self.app.get_key_display(binding), binding.description)
-        self.keys = tuple(shown.values())
+        helps = [shown.pop("help")] if "help" in shown else []  # last
+        self.keys = (*shown.values(), *helps)
+
+    def _fitting(self) -> tuple[_Key, ...]:
+        """Those that fit, none of them cut; always the last one: help names all."""
+        room, fitting = self.size.width - sum(map(_width, self.keys[-1:])), list[_Key]()
+        for key in self.keys[:-1]:
+            if _width(key) > room:
+                break
+            fitting.append(key)
+            room -= _width(key)
+        return (*fitting, *self.keys[-1:])
+
+
+def _width(key: _Key) -> int:
+    """Cells that it takes in the bar."""
+    _, shown, does = key
+    return cells(f" {shown} {does} ")

@@ -298,3 +298,9 @@ def test_a_push_is_asked_for_only_where_it_begins_something() -> None:
     assert pushes == {GESTURE_OF[action] for action in READY.snapshot.allowed}
     by_key = msgspec.structs.replace(READY.snapshot, by_key_only=READY.snapshot.allowed)
     assert all(next_step(replace(state, snapshot=by_key))[0] != "push" for state in shown.values())
+
+
+def test_a_movement_cut_short_with_power_is_followed_by_a_slow_return() -> None:
+    between = changed(state=GaitState.BETWEEN, enabled=True)
+    assert next_step(between)[0] == "return"
+    assert next_step(changed(state=GaitState.UNPOWERED, enabled=False))[0] == "initialise"

@@ -12,11 +12,13 @@ from pathlib import Path
 import msgspec
 import pytest
 from aiohttp.test_utils import TestClient, TestServer
+from textual.widgets import Static
 
 from app.console.guidance import Light, results
 from app.console.observer import PORT, ObserverHost, browser_server, speak_session, watching_command
+from app.console.screens.help import HelpPage
 from app.console.state import SessionState, fold
-from app.console.widgets.bars import StopBar
+from app.console.widgets.bars import KeyBar, StopBar
 from app.ipc import streams as processes
 from app.ipc.links import OrderedReceiver, Publisher, address, new_link_directory
 from app.ipc.messages import (
@@ -183,6 +185,21 @@ async def test_the_bar_reports_that_stop_is_elsewhere(console: Opener) -> None:
         open_console.host.sent.clear()
         await open_console.press("space")
         assert open_console.host.sent == []
+
+
+@pytest.mark.parametrize("code", ["en", "zh"])
+async def test_an_observer_s_keys_and_help_are_those_of_who_only_watches(console: Opener, code: str) -> None:
+    use_language(code)
+    async with console(read_only=True, size=(60, 20)) as open_console:
+        bar = open_console.app.screen.query_one(KeyBar)
+        await open_console.until(lambda: bar.keys)
+        assert {key: does for key, _, does in bar.keys}["e"] == tr("bind.leave")
+        assert not any(does == tr("bind.end") for _, _, does in bar.keys)
+        await open_console.press("f1")
+        await open_console.until(lambda: isinstance(open_console.app.screen, HelpPage))
+        page = open_console.app.screen.query_one(Static).content
+        assert tr("help.watching", **open_console.app.key_names) in str(page)
+        assert tr("help.stop_elsewhere") in str(page)
 
 
 async def test_a_click_on_what_happened_asks_an_observer_nothing(console: Opener) -> None:

@@ -12,12 +12,15 @@ from app.console import session_flow
 from app.console.app import ConsoleApp
 from app.console.screens.after import AfterScreen
 from app.console.screens.patients import PatientsScreen
+from app.console.screens.review import ReviewScreen
+from app.console.screens.review_dialogs import ChooseSession
 from app.console.screens.start import StartSession
 from app.console.screens.vocabulary import VocabularyScreen
+from app.console.widgets.bars import KeyBar
 from app.system.config import Config
 from app.system.errors import AppError, ConsoleFault
 from app.system.paths import Home
-from app.text.catalogue import render, use_language
+from app.text.catalogue import render, tr, use_language
 from profiles.schema import DEMO_PATIENT
 from testing.fake_host import FakeHost, screen_text
 from testing.trails import write_sample
@@ -124,3 +127,25 @@ async def test_the_review_names_trainings_and_enrolments(console: Opener, home: 
         await opened.shows("-0003  demo  (training)")
         await opened.shows("-0002  P-017  (enrolment)")
         assert "-0001  P-017  (" not in opened.text()
+
+
+@pytest.mark.parametrize("code", ["en", "zh"])
+@pytest.mark.parametrize("keys", [("r",), ("n",), ("enter",), ()], ids=["review", "form", "start", "list"])
+async def test_the_key_bar_cuts_no_key_and_always_names_help(
+    console: Opener, home: Home, code: str, keys: tuple[str, ...]
+) -> None:
+    use_language(code)
+    write_sample(home.root, minutes=0.05)
+    async with console(profile=None) as opened:
+        await opened.press(*keys)
+        if keys == ("r",):
+            await opened.until(lambda: isinstance(opened.app.screen, ChooseSession))
+            await opened.press("enter")
+            await opened.until(lambda: isinstance(opened.app.screen, ReviewScreen))
+        bar = opened.app.screen.query_one(KeyBar)
+        for size in ((200, 24), (80, 24), (60, 20), (30, 20)):
+            await opened.pilot.resize_terminal(*size)
+            await settled(opened.app, opened.pilot)
+            *others, last = opened.text().splitlines()[-1].strip().split("  ")
+            assert last.split() == ["f1", *tr("bind.help").split()]
+            assert {one.strip() for one in others} <= {f"{shown} {does}" for _, shown, does in bar.keys}
