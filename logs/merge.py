@@ -37,7 +37,7 @@ class Bound:
     def widened(self, at_ns: int) -> Bound:
         """The same knowledge at another moment."""
         apart_ns = abs(at_ns - self.at_ns) + self.high_ns - self.low_ns  # `at_ns` itself is as uncertain
-        drift_ns = -(-apart_ns * DRIFT_PPM // 1_000_000)
+        drift_ns = -(-apart_ns * DRIFT_PPM // (1_000_000 - DRIFT_PPM))  # of the slower clock's seconds
         return Bound(at_ns, self.low_ns - drift_ns, self.high_ns + drift_ns)
 
 

@@ -6,7 +6,7 @@ import itertools
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from logs.errors import AuditError, AuditFault
@@ -27,6 +27,7 @@ def noted_ns(one: Merged) -> int | None:
     errors=st.lists(st.tuples(st.floats(-1, 1), st.integers(0, 50 * MS)), min_size=4, max_size=4),
     notes=st.lists(st.tuples(st.integers(1, 600 * SECOND), st.booleans()), max_size=12),
 )
+@example(ahead_ns=0, drift_ppm=-1000, errors=[(0.0, 0)] * 4, notes=[(1, True)])
 @settings(max_examples=40, deadline=None)
 def test_times_are_right_within_the_printed_uncertainty(
     ahead_ns: int,
