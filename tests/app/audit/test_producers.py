@@ -55,7 +55,7 @@ from logs.keys import load_or_make_key
 from logs.manifest import manifest_paths
 from logs.mirror import CheckpointCopy
 from logs.read import records, session_paths
-from logs.records import Body, Note, ProcessEnd, SessionStart
+from logs.records import Body, JointStatistics, Note, ProcessEnd, SessionStart
 from logs.verify import Evidence
 from logs.writer import SessionWriter
 from profiles.palm import Calibrated, reference_segment
@@ -116,8 +116,7 @@ def of_a_real_session(root: Path) -> list[Body]:
             session.send(OperatorKind.ARM)
             session.send(OperatorKind.ACT, Action.INITIALISE)
             session.until(lambda _: session.heartbeat is not None and session.heartbeat.enabled, "power")
-            begun = session.until(lambda now: now.enabled).at_ns
-            session.until(lambda now: now.at_ns - begun > 1_500_000_000)  # a second of statistics
+            session.until(lambda _: held_for_a_period(session_paths(place.logs)[-1]), "statistics of held joints")
             drives.close()
             session.finish()
     path = session_paths(place.logs)[-1]
@@ -127,6 +126,12 @@ def of_a_real_session(root: Path) -> list[Body]:
     journals = [record for manifest in manifest_paths(place.logs) for record in records(manifest)]
     assert comments_path(path).exists()
     return [record.body for record in (*found, *journals)] + comments
+
+
+def held_for_a_period(path: Path) -> bool:
+    """Whether the trail that is being written has statistics of joints that were held for their whole period."""
+    bodies = (record.body for record in records(path))
+    return any(isinstance(body, JointStatistics) and None not in body.tracking_rms_rad for body in bodies)
 
 
 def of_a_recording(path: Path) -> Body:
