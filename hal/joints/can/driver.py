@@ -45,6 +45,7 @@ class SocketCanJoints:
         self._state = DriveState.UNCONFIGURED
         self._ports: list[BusPort] = []
         self._routers: list[Router] = []
+        self._sent: list[bool] = []  # whether each bus took all of the newest commands
         self._drives_on: list[list[Drive]] = []
         self._absent: dict[int, HardwareError] = {}  # buses that could not be opened, while the others are used
         self._enabled_ns = 0
@@ -106,8 +107,9 @@ class SocketCanJoints:
         if rows is None:
             rows = [SetPoint(0.0, 0.0, 0.0, drive.device.damp_nm_s_rad, 0.0) for drive in self.drives]
             self._ports[0].report(BusFault.SEND_FAILED, CanFault.INVALID_COMMAND_DAMPED)
-        for drives in self._drives_on:
-            count_silences(drives)
+        for drives, sent in zip(self._drives_on, self._sent, strict=True):
+            if sent:  # a command that the bus refused could not be answered
+                count_silences(drives)
         rising = self._soft_start(now_ns)
         leaving: list[list[Frame]] = [[] for _ in self._ports]
         for drive, row in zip(self.drives, rows, strict=True):
@@ -115,8 +117,7 @@ class SocketCanJoints:
                 stiffness, torque = row.stiffness_nm_rad * rising, row.torque_nm * rising
                 row = row._replace(stiffness_nm_rad=stiffness, torque_nm=torque)  # noqa: PLW2901
             leaving[drive.device.can_bus].append(drive.command(row))
-        for port, frames in zip(self._ports, leaving, strict=True):
-            port.send(*frames)
+        self._sent = [port.send(*frames) for port, frames in zip(self._ports, leaving, strict=True)]
 
     def read(self, now_ns: int) -> JointFeedback:
         """Take in what has arrived. Faults of bus and drives come with the feedback, never as an exception."""
@@ -217,6 +218,7 @@ class SocketCanJoints:
         buses = range(len(self._ports))
         self._drives_on = [[drive for drive in self.drives if drive.device.can_bus == number] for number in buses]
         self._routers = [Router(drives) for drives in self._drives_on]
+        self._sent = [True] * len(self._ports)
 
     def _release(self) -> None:
         for port in self._ports:

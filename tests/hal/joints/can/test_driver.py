@@ -314,6 +314,27 @@ def test_a_bus_that_was_silent_as_a_whole_tells_of_no_drive(rig: CanRig) -> None
     assert set(feedback.faults) == {DriveFault.NONE}
 
 
+def test_commands_that_the_bus_refused_are_none_that_a_drive_left_unanswered(
+    rig: CanRig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A transmit queue that stays full takes the other drives' frames and not this one's."""
+    knee = drive_of(rig)
+    port = rig.joints._ports[knee.device.can_bus]
+    send = port.send
+
+    def refuse_the_knees(*frames: Frame) -> bool:
+        send(*(frame for frame in frames if frame.arbitration_id != knee.device.can_id))
+        return False
+
+    with monkeypatch.context() as full:
+        full.setattr(port, "send", refuse_the_knees)
+        for _ in range(300):
+            rig.tick(HOLD)
+    replies = knee.replies
+    feedback = rig.until(lambda _: knee.replies > replies + 20, HOLD)
+    assert set(feedback.faults) == {DriveFault.NONE}
+
+
 def test_a_faulted_v3_drive_gets_damping_only(make_rig: MakeRig) -> None:
     """Its firmware knows no enabling: the next stiff command would start it again."""
     rig = make_rig(with_motor("AK80-64/V3"))
