@@ -24,7 +24,7 @@ from app.console.screens.session import SessionScreen
 from app.console.screens.signin import SignInDialog
 from app.console.state import newly_ended
 from app.control.loop import drives_record, lateness_record, limits_record
-from app.control.telemetry import Histogram
+from app.control.telemetry import Histogram, JointStatisticsCollector
 from app.demo.drives import emulated_drives
 from app.ipc.links import new_link_directory
 from app.ipc.messages import OperatorKind, ProcessStatus
@@ -55,7 +55,7 @@ from logs.keys import load_or_make_key
 from logs.manifest import manifest_paths
 from logs.mirror import CheckpointCopy
 from logs.read import records, session_paths
-from logs.records import Body, JointStatistics, Note, ProcessEnd, SessionStart
+from logs.records import Body, Note, ProcessEnd, SessionStart
 from logs.verify import Evidence
 from logs.writer import SessionWriter
 from profiles.palm import Calibrated, reference_segment
@@ -116,7 +116,7 @@ def of_a_real_session(root: Path) -> list[Body]:
             session.send(OperatorKind.ARM)
             session.send(OperatorKind.ACT, Action.INITIALISE)
             session.until(lambda _: session.heartbeat is not None and session.heartbeat.enabled, "power")
-            session.until(lambda _: held_for_a_period(session_paths(place.logs)[-1]), "statistics of held joints")
+            session.until(lambda now: now.enabled, "power in control's snapshot")
             drives.close()
             session.finish()
     path = session_paths(place.logs)[-1]
@@ -126,12 +126,6 @@ def of_a_real_session(root: Path) -> list[Body]:
     journals = [record for manifest in manifest_paths(place.logs) for record in records(manifest)]
     assert comments_path(path).exists()
     return [record.body for record in (*found, *journals)] + comments
-
-
-def held_for_a_period(path: Path) -> bool:
-    """Whether the trail that is being written has statistics of joints that were held for their whole period."""
-    bodies = (record.body for record in records(path))
-    return any(isinstance(body, JointStatistics) and None not in body.tracking_rms_rad for body in bodies)
 
 
 def of_a_recording(path: Path) -> Body:
@@ -185,7 +179,9 @@ def of_control() -> list[Body]:
     faulty = replace(feedback, detail=HardwareError(DrivesFault.STAYS_DISABLED))
     late = Histogram()
     late.add(30_000_000, missed=15)
-    said = (drives_record(faulty), limits_record(SETTINGS), lateness_record(late))
+    held = JointStatisticsCollector(period_ticks=1)
+    held.add(feedback, rigs[0].command)
+    said = (drives_record(faulty), limits_record(SETTINGS), lateness_record(late), held.take(0.002, "sitting"))
     return [*(body for rig in rigs for body in rig.audit), *said]
 
 
