@@ -31,6 +31,7 @@ class CameraFault(Enum):
     CLICK_OUT_OF_RANGE = auto()
     FOCAL_LENGTH_OUT_OF_RANGE = auto()
     OTHER_RESOLUTION = auto()
+    IMAGES_OTHER_SIZE = auto()
     FOCAL_LENGTH_OTHER_SIZE = auto()
     INTRINSICS_IMPOSSIBLE = auto()
     DEPTH_INTRINSICS_IMPOSSIBLE = auto()

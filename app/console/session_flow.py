@@ -189,7 +189,7 @@ class SessionFlow(SessionApp):
                 setup = make_setup(self.home, config, profile, self.signed_in, moves, purpose=purpose)
             except USER_ERRORS as error:
                 self.notify(render(error), severity="error", timeout=15, markup=False)
-                if len(self.screen_stack) == 1:  # straight from the start: no list is below
+                if len(self.screen_stack) == 1 and not self.read_only:  # straight from the start: no list is below
                     await self.show_patients()
                 return
             live = self._live_of(setup)

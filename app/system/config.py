@@ -50,7 +50,7 @@ class CameraConfig(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     kind: CameraKind = "digital-hand"
     device: str = ""  # webcam: name or index; recording: path; realsense: serial or path of a recording
     width_px: Annotated[int, Meta(ge=160, le=4096)] = 1280
-    height_px: Annotated[int, Meta(ge=120, le=2160)] = 720
+    height_px: Annotated[int, Meta(ge=120, le=4096)] = 720
     rate_hz: Annotated[float, Meta(ge=RATES_HZ[0], le=RATES_HZ[1])] = 30.0
     focal_px: Annotated[float, Meta(gt=0, le=100_000)] | None = None
     mirrored: bool = False

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from hal.cameras.camera import LATE_NS, Frame, ImageArray, Intrinsics, LatestFrame, UsualDelay
-from hal.cameras.intrinsics import check_size, choose
+from hal.cameras.intrinsics import choose
 from hal.cameras.webcam_list import SYSFS, find_webcam, list_webcams
 from hal.errors import CameraFault, HardwareError
 
@@ -87,7 +87,11 @@ class WebcamCamera:
         if taken is None:
             return None
         image, captured_ns = taken
-        check_size(self._intrinsics, image.shape[1], image.shape[0], self._name)
+        lens, (height_px, width_px) = self._intrinsics, image.shape[:2]
+        if (width_px, height_px) != (lens.width_px, lens.height_px):
+            stated = {"width_px": lens.width_px, "height_px": lens.height_px}
+            taken_px = {"image_width_px": width_px, "image_height_px": height_px}
+            raise HardwareError(CameraFault.IMAGES_OTHER_SIZE, camera=self._name, **stated, **taken_px)
         self._sequence += 1
         return Frame(image_bgr=image, captured_ns=captured_ns, sequence=self._sequence, intrinsics=self._intrinsics)
 

@@ -10,9 +10,8 @@ import msgspec
 
 from app.link.wire import VERSION, FromJoints, FromLaptop, Packet
 
-# Messages that changed need the next VERSION with their new hash; a class that was only renamed, or a field that got a
-# default and is still always sent, needs the hash alone.
-SCHEMAS = (6, "41c72df098d3b3e9")
+# Messages that changed need the next VERSION with their new hash; a class that was only renamed needs the hash alone.
+SCHEMAS = (7, "41c72df098d3b3e9")
 PROSE = {"title", "description"}
 
 

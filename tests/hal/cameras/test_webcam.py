@@ -146,7 +146,7 @@ def test_images_of_another_size_than_the_camera_says_are_refused(sysfs: Path, mo
     camera = WebcamCamera("c920", sysfs=sysfs)
     camera.open()
     sizes = {"width_px": 640, "height_px": 480, "image_width_px": 1280, "image_height_px": 960}
-    with closing(camera), refused(CameraFault.OTHER_RESOLUTION, **sizes):
+    with closing(camera), refused(CameraFault.IMAGES_OTHER_SIZE, **sizes):
         while camera.read(30.0) is None:
             pass
 
