@@ -340,15 +340,15 @@ def test_a_zero_that_acts_late_is_waited_for(make_rig: MakeRig, quick: None, mon
     request = zero.request_zero(rig.joints, Joint.LEFT_KNEE)
     receive, answered = knee.receive, list[Frame]()
 
-    def act_after_a_third_answer(frame: Frame, now_ns: int) -> list[Frame]:
+    def act_after_a_second_answer(frame: Frame, now_ns: int) -> list[Frame]:
         replies = receive(frame, now_ns)
         answered.extend(replies)
-        if len(answered) == 3:
+        if len(answered) == 2:
             knee.zero_rad = knee.state.position_rad
         return replies
 
     def permit() -> None:
-        monkeypatch.setattr(knee, "receive", act_after_a_third_answer)
+        monkeypatch.setattr(knee, "receive", act_after_a_second_answer)
 
     angle_rad = zero.set_zero(rig.joints, request, request.code, permit)
     assert math.degrees(angle_rad) == pytest.approx(0.0, abs=0.03)
