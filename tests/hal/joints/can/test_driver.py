@@ -318,6 +318,7 @@ def test_commands_that_the_bus_refused_are_none_that_a_drive_left_unanswered(
     rig: CanRig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A transmit queue that stays full takes the other drives' frames and not this one's."""
+    assert isinstance(rig.joints, SocketCanJoints)
     knee = drive_of(rig)
     port = rig.joints._ports[knee.device.can_bus]
     send = port.send
