@@ -176,7 +176,7 @@ def in_mid_movement(now: ControlSnapshot | None) -> bool:
     return now is not None and now.state is GaitState.BETWEEN
 
 
-_FROM_THERE_GESTURE_0 = (GaitState.UNPOWERED, GaitState.BETWEEN)
+_NEEDS_GESTURE_0 = (GaitState.UNPOWERED, GaitState.BETWEEN)
 _FAULTS_OF_DRIVES = {Event.DRIVE_FAULT, Event.DRIVE_UNTRUSTED}
 
 
@@ -237,7 +237,7 @@ _STEPS: tuple[tuple[_Applies, str, str], ...] = (
     (lambda state, _: not ready(state), "checks", "bold $warning"),
     (lambda _, now: now is not None and not now.armed, "arm", "bold $accent"),
     (lambda _, now: now is not None and in_mid_movement(now) and now.enabled, "return", "bold $accent"),
-    (lambda _, now: now is not None and now.state in _FROM_THERE_GESTURE_0, "initialise", "bold $accent"),
+    (lambda _, now: now is not None and now.state in _NEEDS_GESTURE_0, "initialise", "bold $accent"),
     (lambda state, _: state.report is not None and state.report.pressed, "withdraw", "bold $success"),
     (_may_command, "push", "bold $primary"),
     (lambda *_: True, "sign", "$primary"),

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from hal.errors import CanFault
 from hal.joints.can.port import BusReport
-from hal.joints.can.reply_checks import RangeCheck
+from hal.joints.can.range_check import RangeCheck
 from hal.joints.codecs import codec_of, damiao
 from hal.joints.codecs.wire import NEUTRAL, Codec, Frame, Order, Reply, SetPoint, Transmission
 from hal.joints.device import Exoskeleton, JointDevice

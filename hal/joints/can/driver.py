@@ -19,7 +19,7 @@ from hal.joints.can.bus import AbsentBus, open_bus
 from hal.joints.can.description import check_description
 from hal.joints.can.drive import Drive, Router, count_silences, drives_of
 from hal.joints.can.port import BusPort
-from hal.joints.can.reply_checks import RangeCheck
+from hal.joints.can.range_check import RangeCheck
 from hal.joints.codecs import damiao
 from hal.joints.codecs.wire import Frame, SetPoint
 from hal.joints.device import Exoskeleton

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 _REPLY_TIMEOUT_S = 0.15  # a drive answers within a millisecond; a busy host needs the rest
 ATTEMPTS = 3
 # Drives with a watchdog of their own go limp without commands, the mini-cheetah's after 25 ms. More often, and their
-# replies would vote on the ranges: at this rate too coarse for it (`reply_checks`).
+# replies would vote on the ranges: at this rate too coarse for it (`range_check`).
 _LEFT_ON_PERIOD_S = 0.02
 
 Request = Callable[["SocketCanJoints", Drive], bool]  # whether the bus took it

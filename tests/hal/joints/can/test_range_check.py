@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hal.joints.can.reply_checks import RangeCheck
+from hal.joints.can.range_check import RangeCheck
 from hal.joints.protocol import DriveFault
 
 TICK_NS = 2_000_000
