@@ -145,6 +145,7 @@ class TerminalDriver(LinuxDriver):
         self.exit_event = self._input_loop
         self._output: TerminalOutput | None = None
         self._setting_modes = False  # sequences that set modes of the terminal are never dropped
+        self._suspended = False
         self._events.attached(self)
 
     def process_message(self, message: Message) -> None:
@@ -178,6 +179,23 @@ class TerminalDriver(LinuxDriver):
         """As the base; no sequence is dropped from here on."""
         self._setting_modes = True
         super().stop_application_mode()
+
+    def suspend_application_mode(self) -> None:
+        """As the base."""
+        self._suspended = True
+        super().suspend_application_mode()
+
+    def resume_application_mode(self) -> None:
+        """As the base, once it was suspended; else paint anew.
+
+        The base comes here at every SIGCONT. After a SIGSTOP, which nobody can catch, application mode still runs: a
+        second input thread would leave the first in a read that blocks, and no heartbeat would be sent.
+        """
+        if self._suspended:
+            self._suspended = False
+            super().resume_application_mode()
+        else:
+            self._events.repaint()
 
     def write(self, data: str, *, droppable: bool = True) -> None:
         """Queue it; never blocks."""

@@ -55,6 +55,10 @@ class Reporting(FakeHost):
             file.write(kind.name + " ")
         return super().send(kind, action, input_ns=input_ns)
 
+    def heartbeat(self):
+        report.with_suffix(".alive").touch()
+        super().heartbeat()
+
 def run():
     with hold_home(home):
         app = ConsoleApp(home, Config(), profile=DEMO_PATIENT, make_host=Reporting)
@@ -188,6 +192,11 @@ class TerminalUnderTest:
         """What a `FAKE` console has sent to control, oldest first."""
         return self.report.read_text().split() if self.report.exists() else []
 
+    @property
+    def alive(self) -> Path:
+        """What a `FAKE` console touches as often as its input thread says that it runs."""
+        return self.report.with_suffix(".alive")
+
     def stop_reading(self) -> None:
         """As a suspended SSH client: wait until the terminal is full."""
         self._reads.clear()
@@ -259,6 +268,24 @@ def test_of_what_waited_while_the_process_was_stopped_stop_alone_is_carried_out(
         console.until(console.report.exists, "STOP")
         console.again(b"t1", lambda: "ACT" in console.sent)
         assert set(console.sent) == {"STOP", "ACT"}, "neither armed, confirmed nor ended"
+        console.quit()
+
+
+def test_a_console_that_was_stopped_twice_still_says_after_every_key_that_stop_can_be_given(tmp_path: Path) -> None:
+    with terminal(tmp_path, FAKE, RUNNING) as console:
+        console.begun()
+        process = psutil.Process(console.process.pid)
+        for _ in range(2):
+            console.process.send_signal(signal.SIGSTOP)
+            console.until(lambda: process.status() == psutil.STATUS_STOPPED, "the stop")
+            console.process.send_signal(signal.SIGCONT)
+            console.until(lambda: process.status() != psutil.STATUS_STOPPED, "the end of the stop")
+        console.again(b"t1", lambda: "ACT" in console.sent)
+        for _ in range(10):
+            console.type(b"z")
+            for _ in range(3):  # the thread that reads the key may have touched it just before
+                console.alive.unlink(missing_ok=True)
+                console.until(console.alive.exists, "a heartbeat")
         console.quit()
 
 
