@@ -12,6 +12,8 @@ import shutil
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from os.path import realpath
+from pathlib import Path
 from typing import Any
 
 from logs.errors import AuditError, AuditFault
@@ -105,7 +107,7 @@ def load_sites(session: Any, sites: Sequence[Site]) -> None:
 
     tables = []
     for site in sites:
-        table = session.read.parquet(*_addresses(site)) if site.is_parquet else _trails(session, site)
+        table = session.read.parquet(*addresses(site)) if site.is_parquet else _trails(session, site)
         tables.append(table.withColumn("site", functions.lit(site.name)))
     whole = tables[0]
     for table in tables[1:]:
@@ -118,7 +120,7 @@ def _trails(session: Any, site: Site) -> Any:
     from pyspark.sql import functions as f
 
     body = ", ".join(f"{name} {_TYPES[kind]}" for name, kind in BODY_COLUMNS.items())
-    lines = session.read.text(_addresses(site)).where(_WHOLE)
+    lines = session.read.text(addresses(site)).where(_WHOLE)
     envelope = f.from_json("value", _ENVELOPE).alias("envelope")
     split = lines.select(envelope, f.regexp_extract("value", _BODY, 1).alias("body"), f.input_file_name().alias("file"))
     raw = split.select("envelope.*", "body", "file").where("session IS NOT NULL AND wall IS NOT NULL")
@@ -134,8 +136,9 @@ def _trails(session: Any, site: Site) -> Any:
     return parsed.select(*ENVELOPE_COLUMNS, "fields.*", "body")
 
 
-def _addresses(site: Site) -> list[str]:
-    return [file.resolve().as_uri() for file in site.files]
+def addresses(site: Site) -> list[str]:
+    """Where its files are, links followed: not `resolve`, which raises RuntimeError for links in a circle."""
+    return [Path(realpath(file)).as_uri() for file in site.files]
 
 
 def _detail(error: BaseException) -> str:

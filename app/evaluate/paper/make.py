@@ -19,6 +19,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
 from hashlib import sha256
+from os.path import realpath
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -146,7 +147,7 @@ def _data_of(job: Job) -> str:
     if job.data is None:
         return ""
     try:
-        return sha256(f"{job.data.resolve()}\0{read_text(job.data)}".encode()).hexdigest()
+        return sha256(f"{realpath(job.data)}\0{read_text(job.data)}".encode()).hexdigest()
     except OSError:
         return ""
 

@@ -14,7 +14,9 @@ from app.perception.look import LookFault
 from app.system.config import CameraConfig
 from app.system.errors import AppError
 from app.system.files import write_whole
+from logs import spark
 from logs.errors import AuditError
+from logs.sites import Site
 from testing.trails import write_sample
 
 
@@ -63,6 +65,11 @@ def test_it_is_never_replaced(loop: Path) -> None:
     with pytest.raises(OSError, match="symbolic links"):
         write_whole(loop, b"{}")
     assert loop.is_symlink()
+
+
+def test_a_site_of_them_is_named_to_spark_as_it_is(loop: Path) -> None:
+    site = Site(name="north", path=loop.parent, files=(loop,), is_parquet=False)
+    assert spark.addresses(site) == [loop.as_uri()]
 
 
 def test_two_cameras_that_are_one_are_one_device(loop: Path) -> None:

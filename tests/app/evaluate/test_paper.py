@@ -91,6 +91,8 @@ def test_a_table_of_another_list_or_folder_is_made_again(tmp_path: Path, monkeyp
     assert [count(), count()] == [3, 3]
     (there / "data" / "gestures" / "labels.csv").unlink()
     assert count() == 4, "its command says what is missing"
+    (there / "data" / "gestures" / "labels.csv").symlink_to("labels.csv")
+    assert count() == 4, "and what a link to itself is"
 
 
 def test_a_table_that_is_kept_is_not_said_to_be_made(tmp_path: Path) -> None:
