@@ -150,7 +150,6 @@ END_FRAMES = 5  # a held gesture ends at the fifth frame in a row that doesn't s
 ALTERNATIONS = 3
 ALTERNATING_NS = 2_000_000_000
 CHANGE_FRAMES = 2  # in a row that show another gesture: one alone is a slip, and makes no vote
-CHANGE_JITTER = 0.2  # of a frame: with half of one, two frames of 60 Hz, which take no longer than that slip, were two
 
 
 class Vote(Struct, frozen=True, kw_only=True):
@@ -242,8 +241,8 @@ def _end(vote: Vote, decided_ns: tuple[int, ...]) -> Vote:
 
 def _with_change(vote: Vote, captured_ns: int) -> Vote:
     """The vote with another gesture read, where this frame makes it one."""
-    last = row_has_lasted(vote.candidate_ns, CHANGE_FRAMES, CHANGE_JITTER)
-    known = row_has_lasted(vote.candidate_ns[:-1], CHANGE_FRAMES, CHANGE_JITTER)
+    last = row_has_lasted(vote.candidate_ns, CHANGE_FRAMES)
+    known = row_has_lasted(vote.candidate_ns[:-1], CHANGE_FRAMES)
     if vote.candidate is None or not last or known or vote.candidate is vote.read:
         return vote
     again = vote.changes_ns if vote.candidate is vote.read_before else ()

@@ -110,7 +110,16 @@ def test_a_fast_camera_shows_a_change_as_long_as_one_of_30_hz(
         count, now_ns = count + 1, now_ns + period_ns
         vote = update_vote(vote, shown, now_ns, pressing=pressing)
     assert vote.gesture is shown
-    assert count == max(frames, 1 + math.ceil((frames - 1.5) * FRAME_NS / period_ns))
+    assert count == max(frames, 1 + math.ceil((frames - 1.2) * FRAME_NS / period_ns))
+
+
+@pytest.mark.parametrize("rate_hz", [60, 90, 120])
+def test_misreadings_of_two_frames_at_30_hz_make_no_vote_at_a_faster_rate(rate_hz: int) -> None:
+    vote = Vote()
+    for number in range(2 * rate_hz // 30):
+        vote = update_vote(vote, ONE, 1_000_000_000 + number * round(1e9 / rate_hz))
+    assert vote.gesture is None
+    assert vote.votes < VOTE_FRAMES
 
 
 @pytest.mark.parametrize("rate_hz", [7.5, 10, 15, 30])
