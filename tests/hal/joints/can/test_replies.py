@@ -1,4 +1,4 @@
-"""A drive owes a reply for each command: what comes beyond that is another drive's."""
+"""What a drive's replies say: one for each command, what comes beyond is another drive's; motor values at the joint."""
 
 from __future__ import annotations
 
@@ -33,3 +33,11 @@ def test_replies_held_up_for_tenths_of_a_second_come_from_no_second_drive(drive:
 def test_a_drive_that_never_answered_hides_a_second_one_for_a_second_at_most(drive: Drive) -> None:
     ask(drive, 10_000)
     assert taken(drive, 501) == [True] * 500 + [False]
+
+
+def test_a_reply_is_converted_to_the_joint_behind_its_transmission() -> None:
+    drive = drives_of(with_motor("AK80-64/V2", transmission=2.0))[0]
+    drive.take(Reply(drive.device.can_id, position_rad=1.0, velocity_rad_s=0.5, torque_nm=3.0), 1)
+    at_joint = (drive.position_rad, drive.velocity_rad_s, drive.torque_nm)
+    assert [abs(value) for value in at_joint] == [0.5, 0.25, 6.0]
+    assert drive.velocity_rad_s * drive.torque_nm == 0.5 * 3.0, "the power is the motor's"
