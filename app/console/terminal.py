@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import asyncio
 import fcntl
 import os
 import select
@@ -38,6 +39,7 @@ RESTORE = (
     "\x1b[?2026l\x1b[?2004l\x1b[?7h\x1b[?2048l\x1b[?1000l\x1b[?1003l\x1b[?1015l\x1b[?1006l"
     "\x1b[<u\x1b[?1049l\x1b[?25h\x1b[?1004l"
 )
+PAINT = "\x1b[?1049h\x1b[?7l\x1b[?25l\x1b[?2004h"  # screen, wrap, cursor, paste: as a shell changes them
 _CLOSED = select.POLLHUP | select.POLLERR | select.POLLNVAL
 
 
@@ -146,6 +148,7 @@ class TerminalDriver(LinuxDriver):
         self._output: TerminalOutput | None = None
         self._setting_modes = False  # sequences that set modes of the terminal are never dropped
         self._suspended = False
+        self._input_modes: list[Any] | None = None  # of the terminal, while the application mode is on
         self._events.attached(self)
 
     def process_message(self, message: Message) -> None:
@@ -174,6 +177,8 @@ class TerminalDriver(LinuxDriver):
         if self._events.pixels is not None:
             self.write(QUESTION)
         self._setting_modes = False
+        with suppress(termios.error):  # no terminal
+            self._input_modes = termios.tcgetattr(self.fileno)
 
     def stop_application_mode(self) -> None:
         """As the base; no sequence is dropped from here on."""
@@ -186,7 +191,7 @@ class TerminalDriver(LinuxDriver):
         super().suspend_application_mode()
 
     def resume_application_mode(self) -> None:
-        """As the base, once it was suspended; else paint anew.
+        """As the base, once it was suspended; else take the terminal back from the shell.
 
         The base comes here at every SIGCONT. After a SIGSTOP, which nobody can catch, application mode still runs: a
         second input thread would leave the first in a read that blocks, and no heartbeat would be sent.
@@ -194,8 +199,16 @@ class TerminalDriver(LinuxDriver):
         if self._suspended:
             self._suspended = False
             super().resume_application_mode()
-        else:
-            self._events.repaint()
+            return
+        if self._input_modes is not None:
+            with suppress(termios.error):
+                termios.tcsetattr(self.fileno, termios.TCSANOW, self._input_modes)  # what waits to be read is kept
+        with suppress(RuntimeError):  # no event loop yet, or none any more
+            asyncio.get_running_loop().call_soon_threadsafe(self._paint_again)
+
+    def _paint_again(self) -> None:
+        self.write(PAINT, droppable=False)
+        self._events.repaint()
 
     def write(self, data: str, *, droppable: bool = True) -> None:
         """Queue it; never blocks."""

@@ -202,6 +202,12 @@ class TerminalUnderTest:
         self._reads.clear()
         time.sleep(2 * FRAME_TIMEOUT_S)
 
+    def read_lines(self) -> None:
+        """The terminal's modes as a shell has them."""
+        modes = termios.tcgetattr(self._master)
+        modes[3] |= termios.ICANON | termios.ECHO
+        termios.tcsetattr(self._master, termios.TCSANOW, modes)
+
     def read_on(self) -> None:
         """As one that is resumed."""
         self._reads.set()
@@ -286,6 +292,20 @@ def test_a_console_that_was_stopped_twice_still_says_after_every_key_that_stop_c
             for _ in range(3):  # the thread that reads the key may have touched it just before
                 console.alive.unlink(missing_ok=True)
                 console.until(console.alive.exists, "a heartbeat")
+        console.quit()
+
+
+def test_stop_is_sent_by_a_console_that_was_stopped_while_a_shell_had_its_terminal(tmp_path: Path) -> None:
+    """The shell reads whole lines, with an echo; it leaves the terminal so."""
+    with terminal(tmp_path, FAKE, RUNNING) as console:
+        console.begun()
+        console.process.send_signal(signal.SIGSTOP)
+        process = psutil.Process(console.process.pid)
+        console.until(lambda: process.status() == psutil.STATUS_STOPPED, "the stop")
+        console.read_lines()
+        console.process.send_signal(signal.SIGCONT)
+        console.type(b" ")
+        console.until(console.report.exists, "STOP")
         console.quit()
 
 
