@@ -25,10 +25,10 @@ from rich.progress import track
 from rich.table import Table
 
 from app.control.events.programs import CONTROL_LATE_MS, CONTROL_STALLED_MS
+from app.evaluate.loop.dropout import dropouts, fastest_moment
 from app.ipc.messages import OperatorKind
 from app.ipc.snapshot import ControlSnapshot
 from app.ipc.states import Action, Effect, Event, Outcome
-from app.motion.dropout import dropouts, fastest_moment
 from app.motion.plan import Patient, patient_of
 from app.motion.rehearsal import RehearsalRun
 from app.system.scheduling import set_scheduling

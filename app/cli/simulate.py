@@ -147,8 +147,7 @@ def _drop_out(
 ) -> None:
     """Commands missing for some time at each action's fastest moment; exit status 1 when the guard refuses one."""
     from app.evaluate.harness import write_json
-    from app.evaluate.loop.dropout import all_dropouts, dropout_table, plot_dropouts
-    from app.motion.dropout import MISSING_MS
+    from app.evaluate.loop.dropout import MISSING_MS, all_dropouts, dropout_table, plot_dropouts
     from app.motion.plan import patient_of
 
     with bar(console, wearer.identifier, len(Action) * len(MISSING_MS)) as step:

@@ -3,15 +3,19 @@
 from __future__ import annotations
 
 import time
+from functools import partial
 
 from textual import on
 
 from app.console import keys
-from app.console.screens.after_stop import ask_for_torque_off, ask_to_acknowledge
 from app.console.screens.base import ConsoleScreen
+from app.console.screens.dialogs import ask
 from app.console.state import SessionState
 from app.console.widgets.picture import Picture
-from app.ipc.messages import HandCommand, HandPose, TriggerReport
+from app.ipc.messages import HandCommand, HandPose, OperatorKind, TriggerReport
+from app.ipc.snapshot import ActiveEvent
+from app.ipc.states import Effect
+from app.text.catalogue import render, tr
 from kgdfa.gesture import Gesture
 
 SHAPE_SHOWN_S = 1.0  # a new shape is shown for so long before it is pushed: votes take their time on a busy machine
@@ -60,12 +64,41 @@ class HandKeys(ConsoleScreen):
         self._incarnation = report.incarnation
 
     def action_acknowledge(self) -> None:
-        """Ask before an event is acknowledged."""
-        ask_to_acknowledge(self.console_app)
+        """Show what waits for an acknowledgement, and acknowledge it after a yes."""
+        waiting = self._waiting()
+        if not waiting:
+            self.app.notify(tr("acknowledge.nothing"))
+            return
+
+        def text() -> str:
+            lines = [f"• {render(event.reason)}" for event in waiting]
+            return "\n".join([*lines, "", tr("acknowledge.text", **self.console_app.key_names)])
+
+        ask(self.console_app, lambda: tr("acknowledge.title"), text, lambda: self._acknowledge(waiting))
+
+    def _waiting(self) -> list[ActiveEvent]:
+        """The events that are not acknowledged."""
+        state = self.console_app.live_state()
+        return [event for event in state.events if not event.acknowledged] if state else []
+
+    def _acknowledge(self, shown: list[ActiveEvent]) -> None:
+        """Control takes all that was raised before: where more waits than was shown, ask again."""
+        known = {event.identity for event in shown}
+        if not known.issuperset(event.identity for event in self._waiting()):
+            self.action_acknowledge()
+        else:
+            self.console_app.command(OperatorKind.ACKNOWLEDGE)
 
     def action_torque_off(self) -> None:
-        """Ask before the joints are switched off, after a damping."""
-        ask_for_torque_off(self.console_app)
+        """After a damping: the joints off, on the operator's word."""
+        app = self.console_app
+        state = app.live_state()
+        snapshot = None if state is None else state.snapshot
+        if snapshot is None or not (snapshot.effect is Effect.DAMP or snapshot.damped):
+            app.notify(tr("torque_off.only_damped"), severity="warning")
+            return
+        text = "torque_off.text" if snapshot.enabled else "torque_off.off"  # even so: it opens a silent bus anew
+        ask(app, lambda: tr("torque_off.title"), lambda: tr(text), partial(app.command, OperatorKind.TORQUE_OFF))
 
     def action_hand_sign(self, sign: str) -> None:
         """The digital hand shows a gesture, rests, or leaves; a push that waits is for the shape before."""

@@ -10,9 +10,8 @@ from rich.console import Console
 
 from app.control.events.drives import FOLLOWING_LIMIT_RAD
 from app.control.events.programs import CONTROL_LATE_MS, CONTROL_STALLED_MS
-from app.evaluate.loop.dropout import dropout_table, plot_dropouts
+from app.evaluate.loop.dropout import Dropout, dropout_table, dropouts, plot_dropouts
 from app.ipc.states import Action
-from app.motion.dropout import Dropout, dropouts
 from app.motion.plan import patient_of
 from hal.joints.device import load_exoskeleton
 from hal.joints.guard import SPEED_MARGIN
