@@ -81,7 +81,7 @@ class WatchedSession(ABC):
     def stand(self) -> ControlSnapshot:
         """Confirm, and bring the legs to standing by the therapist's keys, again after each hold."""
         self.send(OperatorKind.CONFIRM_PATIENT)
-        return self.until(self._towards_standing, "standing")
+        return self.until(self.towards_standing, "standing")
 
     def walk(self, steps: int = 2) -> ControlSnapshot:
         """Stand, and walk at least so many steps at one go, again after each hold."""
@@ -90,7 +90,7 @@ class WatchedSession(ABC):
         def towards(now: ControlSnapshot) -> bool:
             if now.action is Action.WALK:
                 return now.steps - self._steps_before >= steps
-            if self._towards_standing(now) and Action.WALK in now.allowed:
+            if self.towards_standing(now) and Action.WALK in now.allowed:
                 self._steps_before = now.steps
                 self._press(now, OperatorKind.ACT, Action.WALK)
             return False
@@ -113,7 +113,8 @@ class WatchedSession(ABC):
             self._press(now, OperatorKind.ACKNOWLEDGE)
         return now.effect >= Effect.HOLD
 
-    def _towards_standing(self, now: ControlSnapshot) -> bool:
+    def towards_standing(self, now: ControlSnapshot) -> bool:
+        """Whether the legs stand; else the key that a therapist would press next is pressed."""
         if self._recovers(now):
             return False
         if now.state is GaitState.STANDING and now.action is None:

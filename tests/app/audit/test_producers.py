@@ -28,7 +28,8 @@ from app.control.telemetry import Histogram, JointStatisticsCollector
 from app.demo.drives import emulated_drives
 from app.ipc.links import new_link_directory
 from app.ipc.messages import OperatorKind, ProcessStatus
-from app.ipc.states import Action, GaitState
+from app.ipc.snapshot import ControlSnapshot
+from app.ipc.states import GaitState
 from app.perception.comparison import Comparison, comparison_record
 from app.perception.frames import FrameBatch, button_record
 from app.perception.look import CameraSample
@@ -114,9 +115,12 @@ def of_a_real_session(root: Path) -> list[Body]:
             session.send(OperatorKind.CONFIRM_PATIENT)
             session.until(lambda now: now.patient_confirmed and bool(now.allowed), "readiness")
             session.send(OperatorKind.ARM)
-            session.send(OperatorKind.ACT, Action.INITIALISE)
-            session.until(lambda _: session.heartbeat is not None and session.heartbeat.enabled, "power")
-            session.until(lambda now: now.enabled, "power in control's snapshot")
+
+            def powered(now: ControlSnapshot) -> bool:
+                session.towards_standing(now)  # again, where the host's stall stops the action before
+                return now.enabled and session.heartbeat is not None and session.heartbeat.enabled
+
+            session.until(powered, "power")
             drives.close()
             session.finish()
     path = session_paths(place.logs)[-1]
