@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -109,6 +110,7 @@ class Watch:
         self.beat = Heartbeat(at_ns=ended_ns, enabled=False, last=not killed, unconfirmed=True)
         actions = []
         while self.now_ns == ended_ns or not guardian.done(self.now_ns):
+            assert self.now_ns - ended_ns < 10_000 * MS, "it does not end"
             self.check(guardian, self.step_ns, enabled=None)
             actions.append(guardian._state.action)
         return actions, (self.now_ns - ended_ns) / MS
@@ -144,7 +146,15 @@ def make_guardian(watch: Watch, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     def make(device: Exoskeleton) -> Guardian:
         monkeypatch.setattr("app.session.guardian.load_device", lambda _: device)
         return Guardian(
-            SessionSetup(session="s", home=tmp_path, links=links, config=config, profile=DEMO_PATIENT, operator="")
+            SessionSetup(
+                session="s",
+                home=tmp_path,
+                links=links,
+                config=config,
+                profile=DEMO_PATIENT,
+                operator="",
+                host_pid=os.getppid(),
+            )
         )
 
     return make

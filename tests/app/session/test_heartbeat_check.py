@@ -6,7 +6,15 @@ import pytest
 
 from app.ipc.messages import Heartbeat
 from app.ipc.streams import DAMP_NS
-from app.session.heartbeat_check import ENDING_DAMP_NS, OFF_NS, WAIT_NS, GuardianAction, GuardianState, check_heartbeat
+from app.session.heartbeat_check import (
+    DAMPING_NS,
+    ENDING_DAMP_NS,
+    OFF_NS,
+    WAIT_NS,
+    GuardianAction,
+    GuardianState,
+    check_heartbeat,
+)
 
 MS = 1_000_000
 CHECK = 4 * MS
@@ -155,3 +163,15 @@ def test_a_late_check_evaluates_no_moment_a_second_time(late_ms: int) -> None:
     late = check_heartbeat(state, None, state.checked_ns + late_ms * MS)
     assert (late.action, late.missed) == (GuardianAction.MONITOR, 1)
     assert check_heartbeat(late, None, late.checked_ns + CHECK).action is GuardianAction.DAMP
+
+
+@pytest.mark.parametrize("unconfirmed", [False, True])
+@pytest.mark.parametrize("enabled", [False, True])
+def test_damping_is_not_broken_off_by_a_control_that_reports_no_power(enabled: bool, unconfirmed: bool) -> None:
+    """Neither what carried power nor what only had not confirmed that it is off."""
+    state, _ = silent_for(90, enabled=enabled, unconfirmed=not enabled)
+    damps = state.action
+    assert damps is (GuardianAction.DAMP if enabled else GuardianAction.DAMP_LEFT_ON)
+    for now_ns in range(state.since_ns + CHECK, state.since_ns + DAMPING_NS[damps], CHECK):
+        state = check_heartbeat(state, Heartbeat(at_ns=now_ns, enabled=False, unconfirmed=unconfirmed), now_ns)
+        assert state.action is damps

@@ -131,3 +131,16 @@ def test_a_bus_that_breaks_says_so(module: FakeModule) -> None:
     assert contact is Contact.SILENT
     assert fault is not None
     assert fault.code is CanFault.RECEIVE_FAILED
+
+
+@pytest.mark.parametrize(("silent_us", "contact"), [(14_999, Contact.CLOSED), (15_001, Contact.SILENT)])
+def test_a_silent_module_counts_as_closed_for_15_ms(module: FakeModule, silent_us: int, contact: Contact) -> None:
+    module.read()
+    module.put(Contact.SILENT)
+    assert module.input.read(module.now_ns + silent_us * 1_000).contact is contact
+
+
+def test_a_closed_module_releases_its_bus(module: FakeModule) -> None:
+    module.input.close()
+    assert module.bus._is_shutdown
+    assert module.input.read(module.now_ns).contact is Contact.SILENT

@@ -11,7 +11,7 @@ import pytest
 
 from hal.errors import HardwareError, StopInputFault
 from hal.inputs.can import CanInput
-from hal.inputs.device import Contact, InputDevice, InputKind, InputRole
+from hal.inputs.device import Contact, ContactReading, InputDevice, InputKind, InputRole
 from hal.inputs.linux import EvdevInput, GpioInput
 from hal.inputs.reader import RETRY_NS, InputReader, make_input
 from hal.inputs.simulated import SimulatedInput, set_simulated
@@ -93,3 +93,46 @@ def test_a_kind_without_a_driver_is_none_and_least_of_all_a_button_that_reads_cl
 def test_a_description_that_can_not_be_read_is_refused(fields: dict[str, Any], why: str) -> None:
     with pytest.raises(ValueError, match=why):
         InputDevice(name="pendant", role=InputRole.WEARER, bus=BusDevice(), **fields)
+
+
+@pytest.mark.parametrize(("can_id", "extended"), [(0x7FF, False), (0x800, True), (0x1FFF_FFFF, True)])
+def test_every_identifier_that_a_frame_can_have_is_taken(can_id: int, extended: bool) -> None:
+    device = InputDevice(name="pendant", role=InputRole.WEARER, kind="can", can_id=can_id, extended=extended)
+    assert (device.can_id, device.extended) == (can_id, extended)
+
+
+class Late(SimulatedInput):
+    """Answers at its third reading."""
+
+    readings, files = 0, 0
+
+    def open(self, now_ns: int) -> None:
+        self.files = 1
+
+    def read(self, now_ns: int) -> ContactReading:
+        self.readings += 1
+        return ContactReading(Contact.CLOSED if self.readings >= 3 else Contact.OPEN)
+
+    def close(self) -> None:
+        self.files = 0
+
+
+def test_the_first_reading_waits_for_an_answer_and_the_end_releases_the_input(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("hal.inputs.reader.FIRST_ANSWER_S", 60.0)
+    device = InputDevice(name="pendant", role=InputRole.WEARER, kind="simulated")
+    late = Late(device, tmp_path)
+    reader = InputReader((device,), (late,))
+    reader.start()
+    assert reader.newest.inputs[0].contact is Contact.CLOSED
+    assert late.files == 1
+    reader.close()
+    assert late.files == 0
+
+
+def test_a_reader_without_inputs_starts_no_thread_and_can_be_closed() -> None:
+    reader = InputReader((), ())
+    reader.start()
+    assert not reader._thread.is_alive()
+    reader.close()

@@ -12,7 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hal.joints.codecs import CODECS, codec_of, cybergear, damiao, mit
-from hal.joints.codecs.wire import NEUTRAL, Frame, Order, Reply, Scale, SetPoint
+from hal.joints.codecs.wire import NEUTRAL, Frame, Order, Reply, Scale, SetPoint, Transmission
 from hal.joints.motors import MotorModel, ReplyLayout, WireProtocol, load_motors
 from hal.joints.protocol import DriveFault
 
@@ -314,3 +314,13 @@ def test_traits_are_those_of_the_frames(motor: MotorModel) -> None:
 @pytest.mark.parametrize("layout", list(ReplyLayout))
 def test_every_layout_is_somebodys(layout: ReplyLayout) -> None:
     assert any(motor.reply is layout for motor in MOTORS)
+
+
+def test_a_transmission_carries_ratio_and_sign_to_the_motor_and_back() -> None:
+    """A motor that turns twice as far as its joint and the other way, with half the torque."""
+    transmission = Transmission(ratio=-2.0, zero_offset_rad=0.25)
+    at_joint, at_motor = SetPoint(0.75, 1.0, 40.0, 8.0, 6.0), SetPoint(-1.0, -2.0, 10.0, 2.0, -3.0)
+    assert transmission.to_motor(at_joint) == at_motor
+    assert transmission.to_joint(at_motor) == SetPoint(0.75, 1.0, 40.0, 8.0, 6.0)
+    assert transmission.angle_to_motor(0.75) == -1.0
+    assert transmission.angle_to_joint(-1.0) == 0.75
