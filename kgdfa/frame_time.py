@@ -3,7 +3,7 @@
 from itertools import pairwise
 
 FRAME_NS = 33_333_333  # at 30 Hz
-ROW_JITTER = 0.2  # of a frame; with a half, four frames of 60 Hz that show what two of 30 Hz did would be three
+ROW_JITTER = 0.2  # of a frame; with a half, 50 ms (four frames of 60 Hz, two misread ones of 30 Hz) would be enough
 HOLE_NS = 2 * FRAME_NS  # longer is no jitter: a frame that comes late, and the one behind it early, take two together
 
 

@@ -197,6 +197,16 @@ class TerminalUnderTest:
         """What a `FAKE` console touches as often as its input thread says that it runs."""
         return self.report.with_suffix(".alive")
 
+    def stop(self) -> None:
+        """By SIGSTOP: wait until it stands still."""
+        self.process.send_signal(signal.SIGSTOP)
+        self.until(lambda: self.stopped, "the stop")
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the console's process stands still."""
+        return psutil.Process(self.process.pid).status() == psutil.STATUS_STOPPED
+
     def stop_reading(self) -> None:
         """As a suspended SSH client: wait until the terminal is full."""
         self._reads.clear()
@@ -263,9 +273,7 @@ def test_of_what_waited_while_the_process_was_stopped_stop_alone_is_carried_out(
     """The bytes wait in the kernel; what is typed after it has gone on is carried out."""
     with terminal(tmp_path, FAKE, RUNNING) as console:
         console.begun()
-        console.process.send_signal(signal.SIGSTOP)
-        process = psutil.Process(console.process.pid)
-        console.until(lambda: process.status() == psutil.STATUS_STOPPED, "the stop")
+        console.stop()
         console.type(b"acye")
         typed_ns = time.monotonic_ns()
         console.until(lambda: time.monotonic_ns() - typed_ns > LATE_NS, "the end of half a second")
@@ -280,12 +288,10 @@ def test_of_what_waited_while_the_process_was_stopped_stop_alone_is_carried_out(
 def test_a_console_that_was_stopped_twice_still_says_after_every_key_that_stop_can_be_given(tmp_path: Path) -> None:
     with terminal(tmp_path, FAKE, RUNNING) as console:
         console.begun()
-        process = psutil.Process(console.process.pid)
         for _ in range(2):
-            console.process.send_signal(signal.SIGSTOP)
-            console.until(lambda: process.status() == psutil.STATUS_STOPPED, "the stop")
+            console.stop()
             console.process.send_signal(signal.SIGCONT)
-            console.until(lambda: process.status() != psutil.STATUS_STOPPED, "the end of the stop")
+            console.until(lambda: not console.stopped, "the end of the stop")
         console.again(b"t1", lambda: "ACT" in console.sent)
         for _ in range(10):
             console.type(b"z")
@@ -299,9 +305,7 @@ def test_stop_is_sent_by_a_console_that_was_stopped_while_a_shell_had_its_termin
     """The shell reads whole lines, with an echo; it leaves the terminal so."""
     with terminal(tmp_path, FAKE, RUNNING) as console:
         console.begun()
-        console.process.send_signal(signal.SIGSTOP)
-        process = psutil.Process(console.process.pid)
-        console.until(lambda: process.status() == psutil.STATUS_STOPPED, "the stop")
+        console.stop()
         console.read_lines()
         console.process.send_signal(signal.SIGCONT)
         console.type(b" ")
