@@ -67,6 +67,7 @@ class FakeHost:
     looking: bool = True  # perception has started
     guardian_gone: bool = False
     unanswered: tuple[str, ...] = ()  # whose drives do not answer the guardian
+    switched_off: bool = False  # by the guardian
     rests_at_once: bool = True
     control_ended: bool = False
 
@@ -96,6 +97,7 @@ class FakeHost:
                 self.armed = kind is OperatorKind.ARM
             case OperatorKind.SHUT_DOWN:
                 self.control_ended = self.rests_at_once
+                self.state = GaitState.UNPOWERED if self.rests_at_once else self.state
             case OperatorKind.CONFIRM_PATIENT:
                 self.confirmed = True
         if kind is OperatorKind.ACT and action is Action.INITIALISE:
@@ -118,7 +120,8 @@ class FakeHost:
 
     def poll(self) -> Latest:
         now_ns = self.clock()
-        guardian = GuardianHealth(at_ns=now_ns, acted=bool(self.unanswered), unanswered=self.unanswered)
+        acted = bool(self.unanswered) or self.switched_off
+        guardian = GuardianHealth(at_ns=now_ns, acted=acted, off=self.switched_off, unanswered=self.unanswered)
         if self.silent or not self.started:
             return Latest(
                 snapshot=None,

@@ -143,6 +143,18 @@ def _unanswered(state: SessionState) -> bool:
     return state.guardian is not None and bool(state.guardian.unanswered)
 
 
+def left_on(state: SessionState) -> bool:
+    """Whether control has ended, or its computer is gone, and nobody has seen the drives off.
+
+    Those that hold their last command for ever are stiff until the next session starts or their supply is cut.
+    """
+    now, guardian = state.snapshot, state.guardian
+    if now is None or state.setup.config.joints.kind == "simulated" or not _gone(state, "control"):
+        return False
+    switched_off = guardian is not None and guardian.off and guardian.fault is None
+    return _unanswered(state) or (now.enabled and not switched_off)
+
+
 def _may_command(state: SessionState, now: ControlSnapshot | None) -> bool:
     """Whether the shown gesture's push would begin something now: no push is asked for that is refused."""
     if now is None or state.report is None or state.report.gesture is None:

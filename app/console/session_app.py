@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 
+from app.console.guidance import left_on
 from app.console.live import Clock, GuidedTests, Host, HostFactory, LiveSession
 from app.console.operator import SignedInApp
 from app.console.screens.base import USER_ERRORS
@@ -79,6 +80,7 @@ class SessionApp(SignedInApp):
         live, self.live = self.live, None
         if live is not None:
             self.left_held = not live.host.commands
+            self.switch.left_on = left_on(live.state)
             self._close_trail()
             live.close()
 
@@ -97,6 +99,7 @@ class SessionApp(SignedInApp):
     def _live_of(self, setup: SessionSetup) -> LiveSession:
         """A session, new or running, that STOP reaches."""
         self.guided.clear()
+        self.switch.left_on = False  # a session takes the torque off when it starts
         live = self.live = LiveSession(self._make_host(setup), None if self.read_only else self.switch, self._clock)
         return live
 

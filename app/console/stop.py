@@ -67,6 +67,7 @@ class StopSwitch:
         self.keys: frozenset[str] = frozenset({"space"})
         self.region = Region()  # of the STOP bar on the screen
         self.sent_ns = 0
+        self.left_on = False  # the last session ended, and nobody has seen its drives off
 
     @property
     def live(self) -> bool:

@@ -10,7 +10,7 @@ from textual.reactive import reactive
 from textual.screen import Screen
 from textual.widget import Widget
 
-from app.console.guidance import legs_of
+from app.console.guidance import left_on, legs_of
 from app.console.state import SessionState
 from app.console.stop import StopSwitch
 from app.console.widgets.panel import cells
@@ -41,7 +41,10 @@ class StopBar(Widget):
         self.set_class(live, "-live")
         held = effect is not None and effect >= Effect.HOLD
         watched = self._watching and state is not None and state.snapshot_fresh
-        self.set_class(held and (live or watched), "-held")  # else it is what control said before it ended
+        powerless = not live and (self._switch.left_on if state is None else left_on(state))
+        if powerless and not self._watching:
+            self.text = tr("stop.left_on")
+        self.set_class(powerless or (held and (live or watched)), "-held")  # else it is what control said last
 
     def render(self) -> Content:
         return Content(self.text)

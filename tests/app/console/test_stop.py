@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, replace
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -11,12 +12,17 @@ from hypothesis import strategies as st
 from textual.command import CommandPalette
 
 from app.console.screens.dialogs import Question
+from app.console.screens.patients import PatientsScreen
+from app.console.screens.signin import SignInDialog
 from app.console.stop import DOUBLE_CLICK_NS, REPEAT_BEGINS_NS, REPEAT_GAP_NS, Press, StopKeyState, click, press
 from app.console.widgets.bars import StopBar
 from app.ipc.messages import OperatorKind
 from app.ipc.states import Effect, Event, GaitState
 from app.link.clock import ClockEstimate, localized
 from app.session.latest import Latest
+from app.system.config import Config, JointsConfig
+from app.system.operators import Role, add_operator, load_store, save_store
+from app.system.paths import Home
 from app.text.catalogue import render, tr
 from testing.fake_host import FakeHost
 from testing.messages import event
@@ -259,3 +265,43 @@ async def test_after_the_session_the_bar_says_that_nothing_can_move(
         bar = open_console.app.screen.query_one(StopBar)
         assert bar.text == tr("stop.idle")
         assert not bar.has_class("-held")
+
+
+@pytest.mark.parametrize(
+    ("fields", "left_on"),
+    [
+        ({"state": GaitState.UNPOWERED}, False),
+        ({"state": GaitState.STANDING, "guardian_gone": True}, True),
+        ({"state": GaitState.STANDING, "switched_off": True}, False),
+        ({"state": GaitState.STANDING, "switched_off": True, "unanswered": ("left_knee",)}, True),
+        ({"state": GaitState.UNPOWERED, "unanswered": ("left_knee",)}, True),
+    ],
+    ids=["off", "control and guardian gone", "switched off by the guardian", "one silent", "one not confirmed"],
+)
+async def test_after_a_session_whose_drives_nobody_saw_off_the_bar_asks_for_the_emergency_stop(
+    console: Opener, home: Home, fields: dict[str, Any], left_on: bool
+) -> None:
+    save_store(home.keys, add_operator(load_store(home.keys), "Ada", Role.ENGINEER, "483920"))
+    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
+        app = open_console.app
+        await open_console.shows("demo")
+        await open_console.press("enter")
+        await open_console.shows("Begin (Enter)")
+        await open_console.press("enter")
+        await open_console.until(lambda: isinstance(app.screen, SignInDialog))
+        await open_console.sign_in("Ada", "483920")
+        await open_console.until(lambda: (state := app.live_state()) and state.snapshot)
+        host = open_console.host
+        host.rests_at_once = False
+        await open_console.press("e")
+        await open_console.until(lambda: OperatorKind.SHUT_DOWN in host.kinds())
+        for name, value in fields.items():
+            setattr(host, name, value)
+        host.control_ended = True
+        await open_console.shows("After the session")
+        expected = tr("stop.left_on" if left_on else "stop.idle")
+        await open_console.until(lambda: app.screen.query_one(StopBar).text == expected)
+        await app.close_session()
+        await open_console.until(
+            lambda: isinstance(app.screen, PatientsScreen) and app.screen.query_one(StopBar).text == expected
+        )
