@@ -27,16 +27,12 @@ from app.console.screens.base import ConsoleScreen, Dialog
 from app.console.screens.help import HelpPage, page
 from app.console.screens.patients import PatientsScreen
 from app.console.spoken import Sound, sounds_of, switched_on
-from app.console.state import ProcessFault, newly_ended
 from app.console.themes import THEME_NAMES, THEMES
-from app.ipc.messages import ProcessStatus
 from app.session.host import SessionHost
 from app.system.config import Config, SessionSetup
 from app.system.operators import Permission, needs_sign_in
 from app.system.paths import Home
 from app.text.catalogue import language, languages, tr, use_configured, use_language
-from logs.reason import reason
-from logs.records import ProcessEnd
 from profiles.schema import Profile
 
 LATE_NOTICE_S = 5.0  # one notice at a time says that input came too late
@@ -213,24 +209,15 @@ class ConsoleApp(LockApp):
         self._set_beat(REST_TICK_S if live is None else TICK_S)
         if live is not None and not live.closed:
             known = live.state
-            before = known.processes
             if self._terminal is None:
                 live.input_alive()
             state = live.tick()
             self.tell_result(self.guided.update(state))
             if sounds_of(known, state) & self.sounds:
                 self.bell()
-            if not (live.ending or self.read_only):
-                self._record_ended(newly_ended(before, state.processes))
         self._update_idle(state)
         own = (screen for screen in reversed(self.screen_stack) if isinstance(screen, (ConsoleScreen, Dialog)))
         screen = next(own, None)  # below the palette it stays in sight; none is left while the program ends
         if screen is not None and screen.composed:
             with suppress(NoMatches):  # a screen that is just being taken down has lost its widgets
                 screen.show_session(state)
-
-    def _record_ended(self, processes: tuple[ProcessStatus, ...]) -> None:
-        """Into the trail: a process that crashed can't."""
-        for process in processes:
-            cause = reason(ProcessFault.EXITED, exit_code=process.exit_code)
-            self.trail.emit(ProcessEnd(pid=process.pid, ended=process.name, reason=cause))

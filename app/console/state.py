@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from enum import Enum, auto
-
-import msgspec
 
 from app.ipc.messages import AuditHealth, GuardianHealth, LinkHealth, Preview, ProcessStatus, TriggerReport
 from app.ipc.snapshot import ActiveEvent, ControlSnapshot
@@ -31,19 +28,6 @@ class PressNote:
 
 NO_NOTE = PressNote()
 PATIENCE_S = 8.0  # starting the processes and loading the hand model
-
-
-class ProcessFault(Enum):
-    """Why the console records the end of another process."""
-
-    EXITED = auto()  # exit_code: negative is a signal's number
-
-
-def newly_ended(before: tuple[ProcessStatus, ...], now: tuple[ProcessStatus, ...]) -> tuple[ProcessStatus, ...]:
-    """The processes that were alive before and are not any more, restarted ones too."""
-    latest = {(process.name, process.pid): process for process in now}
-    ended = (latest.get((one.name, one.pid), msgspec.structs.replace(one, alive=False)) for one in before if one.alive)
-    return tuple(process for process in ended if not process.alive)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

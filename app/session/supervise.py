@@ -56,6 +56,12 @@ class SessionNotice(Enum):
     CONSOLE_GONE = auto()
 
 
+class ProcessFault(Enum):
+    """Why a process of the session has ended, which can't record it itself."""
+
+    EXITED = auto()  # exit_code: negative is a signal's number
+
+
 class SessionProcesses:
     """The processes of one session, and the console that commands it."""
 
@@ -69,6 +75,7 @@ class SessionProcesses:
         self._lease: Lease | None = None
         self._console: Peer | None = None
         self._console_ended = False  # recorded
+        self._ended: set[int] = set()  # recorded, by process id
         links = self._setup.links
         self._reports = LatestReceiver(address(links, streams.TRIGGER.name), TriggerReport)
         self._statuses = Publisher(address(links, streams.SESSION.name))
@@ -87,6 +94,8 @@ class SessionProcesses:
         """Until it is time to end."""
         while not self._must_end():
             self._supervise_perception(self._reports.receive())
+            for name, child in self._children.items():
+                self._record_ended(name, child)
             self._statuses.send(SessionStatus(at_ns=time.monotonic_ns(), processes=self._status()))
             time.sleep(1.0 / streams.SESSION.rate_hz)
 
@@ -142,6 +151,14 @@ class SessionProcesses:
         _log.info("process spawned", child=name, child_pid=child.pid)
         self._children[name] = child
 
+    def _record_ended(self, name: str, child: BaseProcess) -> None:
+        """One that failed; the others record their end themselves."""
+        if child.exitcode and child.pid is not None and child.pid not in self._ended:
+            self._ended.add(child.pid)
+            cause = reason(ProcessFault.EXITED, exit_code=child.exitcode)
+            self._sink.emit(ProcessEnd(pid=child.pid, ended=name, reason=cause))
+            _log.error("process failed", child=name, child_pid=child.pid, exit_code=child.exitcode)
+
     def _supervise_perception(self, report: TriggerReport | None) -> None:
         child = self._children.get("perception")
         if child is None:
@@ -151,6 +168,7 @@ class SessionProcesses:
             _log.warning("perception restarts", restarts=self._supervisor.restarts, exit_code=child.exitcode)
             child.kill()  # a driver frozen in the kernel handles no SIGTERM
             child.join(1.0)
+            self._record_ended("perception", child)
             try:
                 self._spawn("perception")
             except OSError as error:  # no memory or no process to be had: tried again, as one that died at once

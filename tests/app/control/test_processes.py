@@ -258,13 +258,22 @@ def test_a_closed_terminal_ends_control_in_good_order(session: RealSession) -> N
     assert "DAMP" in [name for _, name in session.effects]
 
 
-def test_without_a_guardian_nothing_new_begins(session: RealSession) -> None:
+def test_without_a_guardian_nothing_new_begins_and_the_trail_names_what_was_killed(session: RealSession) -> None:
     session.stand()
+    session.kill("planner")
     session.kill("guardian")
     session.until(lambda s: Event.GUARDIAN_TIMEOUT in {event.event for event in s.events}, "its event")
     session.send(OperatorKind.ACT, Action.WALK)
     refused = session.until(lambda s: s.refusal_count > 0, "refusal")
     assert refused.action is None
+    session.finish()
+    session.until_ended("session", *EVERYBODY)
+    (path,) = session_paths(Home(session.setup.home).logs)
+    found = [one.body for one in records(path) if isinstance(one.body, ProcessEnd) and one.body.ended]
+    assert sorted((one.ended, one.pid) for one in found) == [
+        (name, session.pids[name]) for name in ("guardian", "planner")
+    ]
+    assert [one.reason for one in found] == [Reason("ProcessFault.EXITED", {"exit_code": -9})] * 2
 
 
 def test_when_control_is_killed_the_guardian_damps_the_drives_and_switches_them_off(

@@ -17,6 +17,7 @@ from typing import cast
 import pytest
 
 from app.audit.process import GIVE_UP_S
+from app.audit.sink import AuditSink
 from app.ipc.streams import SESSION
 from app.session import supervise
 from app.session.child import AWAY_S, BACK_OFF_S, LOADING_S, SILENCE_S, STEADY_S, Supervisor, output_of
@@ -26,6 +27,8 @@ from app.session.shared import encode, take_lease
 from app.session.supervise import SessionProcesses, end_child
 from app.system.config import Config
 from app.system.paths import Home
+from logs.reason import Reason
+from logs.records import Body, ProcessEnd
 from profiles.schema import DEMO_PATIENT
 
 
@@ -173,6 +176,19 @@ class Child:
         pass
 
 
+class Trail:
+    """Keeps what is recorded."""
+
+    def __init__(self) -> None:
+        self.recorded: list[Body] = []
+
+    def emit(self, body: Body) -> None:
+        self.recorded.append(body)
+
+    def close(self) -> None:
+        """Nothing is open."""
+
+
 class ShortOfMemory(SessionProcesses):
     """A session on a computer that has no memory for another process at so many attempts."""
 
@@ -180,6 +196,9 @@ class ShortOfMemory(SessionProcesses):
         super().__init__(launch)
         self.clock, self.refusals = clock, refusals
         self.attempts_s: list[float] = []
+        self._sink.close()
+        self.trail = Trail()
+        self._sink = cast("AuditSink", self.trail)
         self.children = {name: Child() for name in launch.order}
         self._children = cast("dict[str, BaseProcess]", self.children)
 
@@ -209,6 +228,8 @@ def test_a_perception_that_can_not_be_started_again_ends_no_session(
         assert processes.children["control"].is_alive()
         assert processes.children["perception"].is_alive() is (attempts > refusals)
         assert len(processes.attempts_s) == attempts
+        cause = Reason("ProcessFault.EXITED", {"exit_code": -9})
+        assert processes.trail.recorded == [ProcessEnd(pid=1, ended="perception", reason=cause)]
         pauses_s = [after - before for before, after in pairwise(processes.attempts_s)]
         assert pauses_s == pytest.approx([one - 1.0 for one in BACK_OFF_S[1:attempts]], abs=2 / SESSION.rate_hz)
     finally:
