@@ -20,7 +20,6 @@ from kgdfa.button_state import (
     APPROACH_SHARE,
     GAP_FRAMES,
     LONGEST_PRESS_NS,
-    SETTLING_NS,
     SHORTEST_PRESS_NS,
     STALE_NS,
     ButtonComparison,
@@ -33,7 +32,7 @@ from kgdfa.button_state import (
 )
 from kgdfa.distance import DistanceSource
 from kgdfa.frame_time import FRAME_NS, have_lasted
-from kgdfa.gesture import Gesture
+from kgdfa.gesture import SETTLING_NS, Gesture
 
 
 def advance(state: ButtonState, observed: ButtonInput, place: ButtonPlace, mode: ButtonMode) -> ButtonState:
@@ -165,7 +164,7 @@ def _no_press(state: ButtonState, observed: ButtonInput, compared: ButtonCompari
     if observed.gesture is None:
         return PressHint.GESTURE_FIRST
     settling = observed.replaced and observed.captured_ns - observed.recognised_ns < SETTLING_NS
-    if observed.gesture is not state.far_gesture or settling:
+    if observed.gesture is not state.far_gesture or settling or observed.contradicted:
         return PressHint.KEEP_GESTURE
     return None if compared.beside_px == 0.0 else PressHint.OVER_BUTTON
 

@@ -34,9 +34,6 @@ STALE_NS = 250_000_000  # frames further apart than this don't tell what happene
 # hovers about the threshold crosses it more slowly; a push of 0.8 s from 7 cm outside is three times as fast.
 APPROACH_NS = 170_000_000
 APPROACH_SHARE = 0.15
-# A gesture that took another one's place must have been in force for so long before it presses: keypoints that slipped
-# just before a push had a 3 command 2, and nobody changes a hand and pushes it within a fifth of a second.
-SETTLING_NS = 200_000_000
 
 
 class PressCancel(Enum):
@@ -103,6 +100,7 @@ class ButtonInput(Struct, frozen=True, kw_only=True):
     gesture: Gesture | None  # voted
     recognised_ns: int  # capture of the frame whose vote made `gesture`
     replaced: bool = False  # it took another gesture's place then
+    contradicted: bool = False  # the newest frames show another gesture
     distance_m: float | None  # safe distance; None: no measurement
     beside_px: float | None  # from the box of the 22 points to the button's centre, see `ButtonPlace`; None: no hand
     source: DistanceSource = DistanceSource.MONOCULAR  # of distance_m

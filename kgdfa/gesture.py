@@ -150,6 +150,10 @@ END_FRAMES = 5  # a held gesture ends at the fifth frame in a row that doesn't s
 ALTERNATIONS = 3
 ALTERNATING_NS = 2_000_000_000
 CHANGE_FRAMES = 2  # in a row that show another gesture: one alone is a slip, and makes no vote
+# A gesture that took another one's place must have been in force for so long before it presses: keypoints that slipped
+# just before a push had a 3 command 2, and nobody changes a hand and pushes it within a fifth of a second. Nor does a
+# pause that is as short tell a changed hand from a slip: while keypoints slip, frames show neither gesture.
+SETTLING_NS = 200_000_000
 
 
 class Vote(Struct, frozen=True, kw_only=True):
@@ -157,7 +161,8 @@ class Vote(Struct, frozen=True, kw_only=True):
 
     gesture: Gesture | None = None
     recognised_ns: int = 0
-    replaced: bool = False  # `gesture` took another one's place, without a frame between in which none was in force
+    replaced: bool = False  # `gesture` took another one's place, which was in force less than SETTLING_NS before
+    ended: Gesture | None = None  # the newest in force that ended without another in its place
     candidate: Gesture | None = None
     candidate_ns: tuple[int, ...] = ()  # captures of frames in a row for `candidate`: the newest that last
     unsupported_ns: tuple[int, ...] = ()  # captures of frames in a row that don't support `gesture`
@@ -175,6 +180,11 @@ class Vote(Struct, frozen=True, kw_only=True):
     def votes(self) -> int:
         """For `candidate`, up to VOTE_FRAMES, which it has when so many have lasted."""
         return VOTE_FRAMES if row_has_lasted(self.candidate_ns, VOTE_FRAMES) else min(self.count, VOTE_FRAMES - 1)
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether the newest frames show another gesture than the one in force, too many for a slip."""
+        return self.candidate is not self.gesture and row_has_lasted(self.candidate_ns, CHANGE_FRAMES)
 
     def alternates(self, captured_ns: int) -> bool:
         """Whether two gestures were read in turn until now."""
@@ -216,11 +226,18 @@ def update_vote(
             counted,
             gesture=current,
             recognised_ns=captured_ns,
-            replaced=vote.gesture is not None,
+            replaced=_replaces(vote, current, captured_ns),
             unsupported_ns=(),
             decided_ns=candidate_ns,
         )
     return _keep_or_end(counted, captured_ns, PRESS_END_FRAMES if pushing else END_FRAMES, timed=timed)
+
+
+def _replaces(vote: Vote, gesture: Gesture | None, captured_ns: int) -> bool:
+    """Whether a gesture that is in force from now on takes another one's place."""
+    if vote.gesture is not None:
+        return True
+    return vote.ended not in (None, gesture) and captured_ns - vote.decided_ns[-1] < SETTLING_NS
 
 
 def _keep_or_end(vote: Vote, captured_ns: int, end_frames: int, *, timed: bool) -> Vote:
@@ -236,7 +253,15 @@ def _keep_or_end(vote: Vote, captured_ns: int, end_frames: int, *, timed: bool) 
 def _end(vote: Vote, decided_ns: tuple[int, ...]) -> Vote:
     if vote.gesture is None:
         return vote
-    return replace(vote, gesture=None, recognised_ns=0, replaced=False, unsupported_ns=(), decided_ns=decided_ns)
+    return replace(
+        vote,
+        gesture=None,
+        recognised_ns=0,
+        replaced=False,
+        ended=vote.gesture,
+        unsupported_ns=(),
+        decided_ns=decided_ns,
+    )
 
 
 def _with_change(vote: Vote, captured_ns: int) -> Vote:

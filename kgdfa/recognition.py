@@ -57,6 +57,7 @@ def recognise(before: Recognition, reading: FrameReading, place: ButtonPlace, mo
         gesture=vote.gesture,
         recognised_ns=vote.recognised_ns,
         replaced=vote.replaced,
+        contradicted=vote.contradicted,
         distance_m=reading.distance_m,
         beside_px=reading.beside_px,
         source=reading.source,

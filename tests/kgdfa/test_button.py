@@ -14,7 +14,6 @@ from kgdfa.button_state import (
     APPROACH_M_S,
     GAP_FRAMES,
     HYSTERESIS,
-    SETTLING_NS,
     SHORTEST_PRESS_NS,
     STALE_NS,
     ButtonInput,
@@ -25,7 +24,7 @@ from kgdfa.button_state import (
     PressHint,
     is_approaching,
 )
-from kgdfa.gesture import Gesture
+from kgdfa.gesture import SETTLING_NS, Gesture
 from kgdfa.hand import Box
 from kgdfa.recognition import FrameReading, Recognition, recognise
 

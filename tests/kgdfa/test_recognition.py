@@ -54,6 +54,27 @@ def test_another_hand_that_was_never_outside_does_not_press() -> None:
     assert after(at(*WITHDRAWAL_M, *PUSH_M, *WITHDRAWAL_M, hand=2), second).button.release_count == 1
 
 
+NINE_READ_AS_0 = [*at(*[0.36] * 20, gesture=Gesture.NINE), *at(*[0.36] * 7, gesture=None)]
+
+
+@pytest.mark.parametrize("seen_before_push", [3, 4, 5])
+def test_a_hand_misread_after_a_pause_just_before_its_push_does_not_press(seen_before_push: int) -> None:
+    misread = after([*NINE_READ_AS_0, *at(*[0.36] * seen_before_push, gesture=Gesture.ZERO)])
+    assert misread.vote.gesture is Gesture.ZERO
+    pushed = after(at(*PUSH_M, gesture=None), misread)
+    assert (pushed.button.pressed, pushed.button.hint) == (False, PressHint.KEEP_GESTURE)
+    assert after(at(*WITHDRAWAL_M, gesture=None), pushed).button.release_count == 0
+
+
+def test_a_hand_that_is_read_as_another_gesture_where_it_would_press_does_not_press() -> None:
+    ready = after(at(*[0.36] * 10, 0.33, 0.29))
+    contrary = after(at(0.26, 0.245, gesture=Gesture.FOUR), ready)
+    assert (contrary.vote.gesture, contrary.button.pressed) == (Gesture.FIVE, False)
+    assert contrary.button.hint is PressHint.KEEP_GESTURE
+    slipped = after(at(0.245, gesture=Gesture.FOUR), after(at(0.26), ready))
+    assert (slipped.vote.gesture, slipped.button.pressed) == (Gesture.FIVE, True)
+
+
 def test_another_hand_inherits_no_approach() -> None:
     """At 60 Hz its vote is made within what an approach lasts; it only drifts across the threshold."""
     first = after(at(*[0.36] * 8), period_ns=FRAME_NS // 2)

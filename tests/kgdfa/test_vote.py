@@ -85,10 +85,26 @@ def test_a_gesture_that_comes_nearer_ends_as_late_as_in_a_press_and_gives_way_as
     assert vote.gesture is TWO
 
 
-def test_a_gesture_replaces_another_only_without_a_pause_between() -> None:
+@pytest.mark.parametrize(("nothing", "then", "replaced"), [
+    (0, TWO, True), (END_FRAMES, TWO, True), (END_FRAMES + 3, TWO, True), (END_FRAMES + 4, TWO, False),
+    (END_FRAMES, ONE, False), (END_FRAMES + 3, ONE, False),
+])  # fmt: skip
+def test_a_gesture_replaces_another_that_was_in_force_less_than_a_fifth_of_a_second_before(
+    nothing: int, then: Gesture, replaced: bool
+) -> None:
     assert not votes([ONE] * VOTE_FRAMES)[-1].replaced
-    assert votes([*[ONE] * VOTE_FRAMES, *[TWO] * VOTE_FRAMES])[-1].replaced
-    assert not votes([*[ONE] * VOTE_FRAMES, *[None] * END_FRAMES, *[TWO] * VOTE_FRAMES])[-1].replaced
+    vote = votes([*[ONE] * VOTE_FRAMES, *[None] * nothing, *[then] * VOTE_FRAMES])[-1]
+    assert (vote.gesture, vote.replaced) == (then, replaced)
+
+
+@pytest.mark.parametrize(("newest", "contradicted"), [
+    ([ONE], False), ([TWO], False), ([TWO, TWO], True), ([TWO, None], False), ([TWO, ONE], False), ([None] * 2, False),
+])  # fmt: skip
+def test_two_frames_in_a_row_of_another_gesture_contradict_the_one_in_force(
+    newest: list[Gesture | None], contradicted: bool
+) -> None:
+    vote = votes([*[ONE] * VOTE_FRAMES, *newest])[-1]
+    assert (vote.gesture, vote.contradicted) == (ONE, contradicted)
 
 
 @pytest.mark.parametrize("rate_hz", [15, 30, 45, 60, 90, 120])
