@@ -138,13 +138,23 @@ def _while_up(state: ButtonState, observed: ButtonInput, compared: ButtonCompari
     if distance_m >= compared.threshold_m:
         if distance_m <= compared.release_m:
             return state
-        return replace(state, ready=True, far_gesture=observed.gesture, hint=None)
+        if not state.ready:  # the near ones had their answer
+            state = replace(state, ready=True, approach=state.approach[-1:])
+        hint = PressHint.PUSH_NEARER if _turned_back(state, observed, compared, distance_m) else None
+        return replace(state, far_gesture=observed.gesture, hint=hint)
     if not state.ready:
         return replace(state, hint=state.hint or PressHint.WITHDRAW_FIRST)
     reason = _no_press(state, observed, compared)
     if reason:
         return replace(state, ready=False, hint=reason)
     return _press(state, observed)
+
+
+def _turned_back(state: ButtonState, observed: ButtonInput, compared: ButtonComparison, distance_m: float) -> bool:
+    """Whether a hand with a gesture came into the hysteresis and withdraws as from a push, which pressed nothing."""
+    nearest_m = min(m for _, m in state.approach)
+    withdrawn = distance_m - nearest_m >= compared.approach_limit_m
+    return observed.gesture is not None and nearest_m <= compared.release_m and withdrawn
 
 
 def _at_change(state: ButtonState, compared: ButtonComparison, distance_m: float) -> ButtonState:
@@ -208,7 +218,7 @@ def _press(state: ButtonState, observed: ButtonInput) -> ButtonState:
 
 def _release(state: ButtonState, observed: ButtonInput, gesture: Gesture | None) -> ButtonState:
     """Up again, by withdrawal: the command goes out, once. Without a gesture there is no command to give."""
-    up = replace(state, pressed=False, pressed_gesture=None, ready=True, hint=None)
+    up = replace(state, pressed=False, pressed_gesture=None, ready=True, approach=state.approach[-1:], hint=None)
     if gesture is None:
         return up
     return replace(

@@ -50,7 +50,7 @@ class PressCancel(Enum):
 
 
 class PressHint(Enum):
-    """Why a hand that is near does not press: what to do."""
+    """Why a hand that is near, or just was, does not press: what to do."""
 
     WITHDRAW_FIRST = "withdraw first"
     PUSH_STEADILY = "push steadily"
@@ -59,6 +59,7 @@ class PressHint(Enum):
     GESTURE_FIRST = "gesture first"
     KEEP_GESTURE = "keep gesture"
     OVER_BUTTON = "over button"
+    PUSH_NEARER = "push nearer"  # it turned back before the threshold, or too few images saw it nearer
 
 
 class ButtonMode(Enum):
@@ -160,7 +161,7 @@ class ButtonState(Struct, frozen=True, kw_only=True):
     last_distance_m: float | None = None  # the newest measurement; None: none since the hand was lost
     gap_frames: int = 0  # frames in a row without a measurement
     approach: tuple[tuple[int, float], ...] = ()  # (captured_ns, distance_m) of the last APPROACH_NS, oldest first
-    hint: PressHint | None = None  # why a hand that is near does not press
+    hint: PressHint | None = None  # why a hand that is near, or just was, does not press
     source: DistanceSource | None = None  # of the newest measurement
     bridge_ratio: float | None = None  # newest depth over what the keypoints then measured; None: not both
     compared: ButtonComparison | None = None  # in the newest frame; None before the first

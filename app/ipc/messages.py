@@ -50,7 +50,7 @@ class TriggerReport(Struct, frozen=True, kw_only=True, tag="trigger"):
     released_pressed_ns: int = 0  # capture of the frame that had pressed
     cancel_count: int = 0
     cancel_reason: Reason | None = None
-    press_hint: Reason | None = None  # why a hand that is near does not press
+    press_hint: Reason | None = None  # why a hand that is near, or just was, does not press
     fps: float = 0.0
     camera: str = ""
     camera_fault: Reason | None = None  # while the camera delivers nothing

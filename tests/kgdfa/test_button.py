@@ -171,6 +171,32 @@ def test_a_hint_does_not_outlive_a_pause_of_the_camera() -> None:
     assert step(hinted, Seen(NEAR), after_ns=STALE_NS + 1).hint is PressHint.WITHDRAW_FIRST
 
 
+TURNED_BACK = [Seen(0.33), Seen(0.29), Seen(0.25), Seen(BETWEEN), Seen(0.26)]
+
+
+def test_a_push_that_turns_back_before_the_threshold_presses_nothing_and_reports_why() -> None:
+    assert run(TURNED_BACK[:-1]).hint is None
+    turned = run(TURNED_BACK)
+    assert (turned.pressed, turned.cancel_count, turned.hint) == (False, 0, PressHint.PUSH_NEARER)
+    assert run([Seen(0.28)] * 6, state=turned).hint is None
+    assert run([Seen(0.22), Seen(0.18)], state=turned).pressed
+
+
+@pytest.mark.parametrize("frames", [
+    [Seen(one.distance_m, None) for one in TURNED_BACK],  # no gesture
+    [*TURNED_BACK[:3], Seen(0.242), Seen(0.28)],  # not within the hysteresis
+    [Seen(BETWEEN), *[Seen(BETWEEN + 0.005 * step) for step in range(6)]],  # drifts away
+    [*TURNED_BACK[:3], *[Seen(NEAR)] * 3, Seen(0.26), Seen(0.30), Seen(0.33)],  # a press that was released
+    [*TURNED_BACK[:3], *[Seen(NEAR, Gesture.SIX)] * 2, Seen(0.26), Seen(0.30)],  # refused, with its own hint
+    [*TURNED_BACK[:4], LOST, LOST, LOST, Seen(0.26), Seen(0.30)],  # lost: what it did meanwhile, nobody saw
+])  # fmt: skip
+def test_what_was_no_such_push_is_not_told_to_come_nearer(frames: list[Seen]) -> None:
+    state = ButtonState()
+    for observed in frames:
+        state = step(state, observed)
+        assert state.hint is not PressHint.PUSH_NEARER, observed
+
+
 def test_the_hysteresis_holds_at_its_boundaries() -> None:
     assert not run([Seen(OUTSIDE_M), Seen(NEAR), Seen(NEAR)]).pressed
     assert not run([Seen(FAR), *[Seen(PLACE.threshold_m)] * 2]).pressed
