@@ -44,6 +44,8 @@ class ScenarioRunner(SessionClient):
         self._presses = presses
         self._requested: set[int] = set()
         self._steps_before: dict[int, int] = {}
+        self._cancels = 0  # before the attempt's first push
+        self._obstacle: Reason | None = None  # the newest refusal or hint since then
 
     def run(self, step: Step) -> Attempt:
         """Sign, press, and wait until the legs have done it (or walked far enough).
@@ -76,6 +78,7 @@ class ScenarioRunner(SessionClient):
 
     def _press(self, step: Step, action: Action, start: GaitState) -> Attempt:
         known = set(self.actions)
+        self._cancels, self._obstacle = self.report.cancel_count if self.report else 0, None
         number, made, pressed = None, 0, False
         while number is None and made < self._presses:
             made += 1
@@ -127,9 +130,15 @@ class ScenarioRunner(SessionClient):
     def _why_no_action(self, pressed: bool) -> Reason:
         if pressed:
             return self._now.refusal or reason(AttemptFault.NO_ACTION)
-        if self.report is not None and self.report.cancel_reason:
-            return reason(AttemptFault.NOT_PRESSED, reason=self.report.cancel_reason)
-        return reason(AttemptFault.NOT_NEAR_ENOUGH)
+        why = self._obstacle
+        if self.report is not None and self.report.cancel_count > self._cancels:
+            why = self.report.cancel_reason
+        return reason(AttemptFault.NOT_NEAR_ENOUGH) if why is None else reason(AttemptFault.NOT_PRESSED, reason=why)
+
+    def _poll(self) -> None:
+        super()._poll()
+        if self.report is not None:
+            self._obstacle = self.report.hand_refusal or self.report.press_hint or self._obstacle
 
     def _finished(self, step: Step, number: int) -> bool:
         report = self.actions[number]
