@@ -36,7 +36,7 @@ def seen(distance_m: float | None, gesture: Gesture | None = ONE, **changes: obj
 
 NOBODY = replace(seen(None), gesture=None, beside_px=None)
 PUSH = (*[seen(0.4)] * 4, seen(0.3), seen(0.22), seen(0.19), seen(0.18), seen(0.25), seen(0.4))
-CANCELLED = (*[seen(0.4, TWO)] * 7, seen(0.22, TWO), seen(0.19, TWO), *[seen(0.18, beside_px=200.0)] * 2, seen(0.4))
+CANCELLED = (*[seen(0.4, TWO)] * 8, seen(0.22, TWO), seen(0.19, TWO), *[seen(0.18, beside_px=200.0)] * 2, seen(0.4))
 
 
 def timed(readings: Iterable[FrameReading], gaps_ns: Iterable[int] = ()) -> list[FrameReading]:
