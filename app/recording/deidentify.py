@@ -3,7 +3,8 @@
 So the time between two sessions of a patient stays what it was. The days follow from a secret of this home; without
 it nobody gets the dates back. Joints, hand and gait stay; the trail and what operators did go, as they hold their
 names, comments and dates. Of a reason its code and numbers stay, its texts go: a path names a session and a user, an
-error is anybody's words. Pictures are never exported. The pseudonym stays.
+error is anybody's words. Pictures are never exported. The pseudonym stays. Every time is the shifted UTC: the host's
+monotonic clock counts from its start, whose true date a system log or another patient's file tells.
 """
 
 from __future__ import annotations
@@ -49,15 +50,15 @@ class Deidentified:
     shift_ns: int
 
     def samples(self, recording: Recording, found: Iterator[Sample]) -> Iterator[Sample]:
-        """What is kept of a recording's messages. The recording's clock is still the true one."""
+        """What is kept of a recording's messages, at the shifted UTC. The recording's clock is still the true one."""
         for one in found:
+            at_ns = one.at_ns + recording.clock_offset_ns + self.shift_ns
             if one.topic in _DATED:
-                when = time_of(one.at_ns + recording.clock_offset_ns + self.shift_ns)
-                yield Sample(one.topic, one.at_ns, _encode(replace(_decode(one.data), timestamp=when)))
+                yield Sample(one.topic, at_ns, _encode(replace(_decode(one.data), timestamp=time_of(at_ns))))
             elif one.topic in _REASONED:
-                yield Sample(one.topic, one.at_ns, _without_texts(one))
+                yield Sample(one.topic, at_ns, _without_texts(one))
             elif one.topic not in _PERSONAL:
-                yield one
+                yield Sample(one.topic, at_ns, one.data)
 
 
 def _without_texts(one: Sample) -> bytes:

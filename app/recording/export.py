@@ -10,7 +10,7 @@ import csv
 import json
 from collections.abc import Callable
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -118,14 +118,13 @@ def to_mcap(source: Path, target: Path, deidentified: Deidentified | None = None
     recording = Recording(path=source)
     found = messages(recording)
     topics: tuple[schemas.Topic, ...] = schemas.TOPICS
-    shift_ns = 0
     if deidentified is not None:
-        found, topics, shift_ns = deidentified.samples(recording, found), KEPT_TOPICS, deidentified.shift_ns
+        found, topics = deidentified.samples(recording, found), KEPT_TOPICS
     first = next(found, None)  # the clock is known from then on
     if first is None:
         raise AppError(ExportFault.NO_SAMPLES, path=source)
     with partial_file(target) as partial:
-        writer = RecordingWriter(partial, topics, recording.clock_offset_ns + shift_ns)
+        writer = RecordingWriter(partial, topics, 0 if deidentified else recording.clock_offset_ns)
         writer.add(first.topic, first.at_ns, first.data)
         for number, one in enumerate(found):
             writer.add(one.topic, one.at_ns, one.data)
@@ -179,7 +178,9 @@ def export(path: Path, form: str, folder: Path, deidentified: Deidentified | Non
             target = folder / f"{name}.mcap"
             return Exported((target,), to_mcap(path, target, deidentified))
         writers = {folder / f"{name}{suffix}": write for suffix, write in FORMATS[form].items()}
-        samples = replace(read_samples(path), deidentified=deidentified)
+        samples = read_samples(path)
+        if deidentified is not None:
+            samples = samples.deidentified_by(deidentified)
         to_tables(samples, writers)
     except OSError as error:
         raise AppError(ExportFault.UNWRITABLE, path=folder / name, detail=cause_of(error)) from error

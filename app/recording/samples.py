@@ -28,7 +28,7 @@ ABOUT = {
     "time": "time_s: since the first sample; monotonic_ns + wall_minus_monotonic_ns = UTC since 1970",
     "missing": "NaN: not measured; of a target: the joint is held nowhere, off or damped",
 }
-DATES_SHIFTED = {"dates": "shifted by whole days, the same for all sessions of a patient"}
+DATES_SHIFTED = {"dates": "shifted by whole days, the same for all sessions of a patient; monotonic_ns: such a UTC"}
 _decode = msgspec.json.Decoder(schemas.JointStates).decode
 
 
@@ -69,9 +69,13 @@ class Samples:
         """Session, clock, units and axes."""
         recording, deidentified = self.recording, self.deidentified
         session = deidentified.name if deidentified else session_of(recording.path)
-        clock_ns = recording.clock_offset_ns + (deidentified.shift_ns if deidentified else 0)
+        clock_ns = 0 if deidentified else recording.clock_offset_ns
         found = {"session": session, "whole": str(recording.complete).lower(), "lost": _lost_joints(recording)} | ABOUT
         return found | {"wall_minus_monotonic_ns": str(clock_ns)} | (DATES_SHIFTED if deidentified else {})
+
+    def deidentified_by(self, how: Deidentified) -> Samples:
+        """With its name, and at the shifted UTC."""
+        return replace(self, deidentified=how, at_ns=self.at_ns + self.recording.clock_offset_ns + how.shift_ns)
 
     def at_rate(self) -> Samples:
         """On a grid of control's rate, for formats without times: each tick's newest sample, late ones held."""
