@@ -97,9 +97,12 @@ def follow(path: Path, is_over: Callable[[], bool], pause_s: float = 0.2) -> Ite
 
 
 def session_paths(folder: Path) -> list[Path]:
-    """The sessions of a folder, oldest first; one that goes on in further files in their order."""
+    """The sessions of a folder, oldest first; one that goes on in further files in their order.
+
+    A name that can't be shown is none that this program gave, and no database or JSON takes one that is no UTF-8.
+    """
     paths = sorted(folder.glob("*.jsonl"), key=lambda path: parted(path.stem))
-    return [path for path in paths if is_session(path) and path.is_file()]
+    return [path for path in paths if is_session(path) and path.name.isprintable() and path.is_file()]
 
 
 def patient_and_purpose(path: Path) -> tuple[str, str]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from pathlib import Path
 from typing import Any
 
@@ -63,6 +64,14 @@ def test_the_refusal_rate_is_that_of_the_records(logs: Path, bodies: list[r.Body
         requests = refused - later + sum(isinstance(b, r.Command) and b.gesture == row["gesture"] for b in bodies)
         assert (row["refused"], row["requests"]) == (refused, requests)
         assert row["rate"] == pytest.approx(refused / requests)
+
+
+def test_a_file_whose_name_is_no_text_is_no_session(tmp_path: Path) -> None:
+    """Verification names it as added; questions go on without it."""
+    (trail := write_sample(tmp_path, minutes=1)).with_name(os.fsdecode(b"\xff.jsonl")).write_bytes(trail.read_bytes())
+    assert session_paths(trail.parent) == [trail]
+    (row,) = rows(ask(connect([trail.parent]), COUNT))
+    assert row == {"n": len(list(records(trail)))}
 
 
 def test_a_request_that_was_granted_and_then_refused_counts_once(tmp_path: Path) -> None:
