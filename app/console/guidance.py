@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
+from functools import partial
 
 from app.console.state import SessionState
 from app.console.widgets.curves import joint_fault
@@ -34,6 +35,7 @@ class Check:
     must: bool = True
     operator: bool = False  # waits for the operator, not for a machine
     applies: Callable[[SessionState], bool] = lambda _: True
+    for_keys: Callable[[SessionState], bool] | None = None  # what the therapist's keys need of it; None: all
 
 
 def _press_zone(state: SessionState) -> bool:
@@ -53,13 +55,13 @@ def _recorders(state: SessionState) -> list[ProcessStatus]:
     return [one for one in state.all_processes if one.name in RECORDERS]
 
 
-def _processes_run(state: SessionState) -> bool:
+def _processes_run(state: SessionState, besides: str = "") -> bool:
     needed = [one for one in state.all_processes if one.name not in RECORDERS]
-    return len(needed) >= 5 and all(one.alive for one in needed)
+    return len(needed) >= 5 and all(one.alive or one.name == besides for one in needed)
 
 
 CHECKS = (
-    Check("processes", _processes_run),
+    Check("processes", _processes_run, for_keys=partial(_processes_run, besides="perception")),
     Check(
         "recorders",
         lambda state: all(one.alive for one in _recorders(state)),
@@ -69,7 +71,11 @@ CHECKS = (
     Check("audit", lambda state: state.audit is not None and not state.audit.fault),
     Check("control", lambda state: state.snapshot_fresh),
     Check("joints", lambda state: state.snapshot is not None and not any(map(joint_fault, state.snapshot.joints))),
-    Check("camera", lambda state: state.report_fresh and state.report is not None and not state.report.camera_fault),
+    Check(
+        "camera",
+        lambda state: state.report_fresh and state.report is not None and not state.report.camera_fault,
+        for_keys=lambda _: True,
+    ),
     Check("clear", lambda state: state.snapshot is not None and state.snapshot.effect < Effect.HOLD),
     Check("press_zone", _press_zone, must=False),
     Check(
@@ -91,8 +97,8 @@ def results(state: SessionState) -> dict[str, Light]:
 
 
 def ready(state: SessionState) -> bool:
-    """Whether everything that must be green is."""
-    return all(check.passes(state) for check in CHECKS if check.must and check.applies(state))
+    """Whether everything that the therapist's keys need is there; what only gestures need, events tell."""
+    return all((check.for_keys or check.passes)(state) for check in CHECKS if check.must and check.applies(state))
 
 
 def _light(check: Check, state: SessionState) -> Light:
@@ -188,6 +194,14 @@ def in_mid_movement(now: ControlSnapshot | None) -> bool:
     return now is not None and now.state is GaitState.BETWEEN
 
 
+_GESTURES_ONLY = {Event.CAMERA_STALE, Event.PERCEPTION_TIMEOUT, Event.PERCEPTION_STARTING, Event.LINK_POOR}
+
+
+def _gestures_refused(now: ControlSnapshot | None) -> bool:
+    """Whether gestures are refused by more than not being armed. An event stays a second to be read, so this does."""
+    return now is not None and any(one.event in _GESTURES_ONLY for one in now.events)
+
+
 _NEEDS_GESTURE_0 = (GaitState.UNPOWERED, GaitState.BETWEEN)
 _FAULTS_OF_DRIVES = {Event.DRIVE_FAULT, Event.DRIVE_UNTRUSTED}
 
@@ -247,6 +261,7 @@ _STEPS: tuple[tuple[_Applies, str, str], ...] = (
     (lambda _, now: slack(now), "slack", "bold $error"),
     (lambda _, now: now is not None and not now.patient_confirmed, "confirm", "bold $accent"),
     (lambda state, _: not ready(state), "checks", "bold $warning"),
+    (lambda _, now: _gestures_refused(now), "keys_only", "bold $warning"),
     (lambda _, now: now is not None and not now.armed, "arm", "bold $accent"),
     (lambda _, now: now is not None and in_mid_movement(now) and now.enabled, "return", "bold $accent"),
     (lambda _, now: now is not None and now.state in _NEEDS_GESTURE_0, "initialise", "bold $accent"),

@@ -15,8 +15,8 @@ from app.ipc.states import Effect, Outcome
 from app.system.config import SoundsConfig
 from app.text.catalogue import render, tr
 
-# Said by lines of their own, or by none: they come and go with every push.
-_NOT_GUIDED = {"arm", "moving", "withdraw", "push", "sign"}
+# Said by lines of their own, or by none: they come and go with every push, or with an event.
+_NOT_GUIDED = {"arm", "keys_only", "moving", "withdraw", "push", "sign"}
 
 
 def changes(before: SessionState | None, now: SessionState) -> tuple[str, ...]:

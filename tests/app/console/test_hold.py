@@ -18,7 +18,7 @@ from app.console.widgets.health import Health, health_dot, health_lines, health_
 from app.console.widgets.hold import held, hold_lines
 from app.console.widgets.wearer import FigurePanel
 from app.control.gait.machine import Gait, allowed
-from app.ipc.messages import ProcessStatus
+from app.ipc.messages import ProcessStatus, TriggerReport
 from app.ipc.snapshot import Lateness, RealTime
 from app.ipc.states import GESTURE_OF, Action, Effect, Event, GaitState
 from app.motion.wearer import load_wearer
@@ -278,7 +278,28 @@ def test_the_next_step_stays_when_a_recorder_ends(name: str) -> None:
 
 
 def test_perception_is_restarted_and_the_session_goes_on() -> None:
-    assert next_step(without("perception"))[0] != "process_ended"
+    assert next_step(without("perception")) == next_step(READY)
+
+
+BLIND_REPORT = msgspec.structs.replace(READY.report, gesture=None, camera_fault=BLIND)
+LATE_REPORT = msgspec.structs.replace(READY.report, gesture=None, sent_ns=READY.now_ns - 300_000_000)
+
+
+@pytest.mark.parametrize("report", [BLIND_REPORT, LATE_REPORT, None])
+@pytest.mark.parametrize("armed", [True, False])
+def test_without_images_the_next_step_is_a_key_as_long_as_control_refuses_gestures(
+    report: TriggerReport | None, armed: bool
+) -> None:
+    clear = replace(changed(armed=armed, events=()), report=report)
+    assert next_step(clear)[0] == ("sign" if armed else "arm")
+    assert results(clear)["camera"] is Light.RED
+    for cause in (Event.CAMERA_STALE, Event.PERCEPTION_TIMEOUT, Event.PERCEPTION_STARTING, Event.LINK_POOR):
+        raised = event(cause, Effect.REFUSE, detail="")
+        for present in (True, False):  # a passing event stays a second: so does the line
+            stays = msgspec.structs.replace(raised, present=present)
+            assert next_step(replace(changed(armed=armed, events=(stays,)), report=report))[0] == "keys_only"
+    use_language("en")
+    assert "Press t for therapist actions" in tr("guide.keys_only", act="t")
 
 
 def test_a_control_that_has_ended_is_told_from_one_that_does_not_answer() -> None:
