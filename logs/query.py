@@ -83,8 +83,9 @@ def connect_locked(paths: Sequence[Path]) -> duckdb.DuckDBPyConnection:
 def check_question(connection: duckdb.DuckDBPyConnection, sql: str) -> Any:
     """The one SELECT that it is, parsed. Raises AuditError for anything else."""
     try:
+        sql.encode()  # bytes that are no UTF-8, from a command line, are half a surrogate pair here
         statements = connection.extract_statements(sql)
-    except duckdb.Error as error:
+    except (duckdb.Error, UnicodeEncodeError) as error:
         raise AuditError(AuditFault.UNANSWERABLE, detail=first_line(error)) from error
     if [one.type for one in statements] != [duckdb.StatementType.SELECT]:
         raise AuditError(AuditFault.NOT_A_QUESTION)

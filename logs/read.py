@@ -139,7 +139,7 @@ def find_session(folder: Path, name: str) -> Path:
     if name == "last":
         return paths[-1]
     exact = [path for path in paths if path.stem == name]
-    found = exact or [path for path in paths if path.stem.startswith(name)]
+    found = exact or [path for path in paths if name and path.stem.startswith(name)]
     if len(found) == 1:
         return found[0]
     if not found:

@@ -202,10 +202,15 @@ def with_calibration(profile: Profile, calibration: Calibration) -> Profile:
     return msgspec.structs.replace(profile, calibrations=(*others, calibration))
 
 
-def _check_samples(distance_m: float, measured_m: Sequence[float]) -> None:
+def check_distance(distance_m: float) -> None:
+    """Refuse a distance at which no palm is calibrated. Raises ProfileError."""
     low, high = DISTANCE_RANGE_M
     if not low <= distance_m <= high:
         raise ProfileError(ProfileFault.DISTANCE, distance_m=distance_m, low_m=low, high_m=high)
+
+
+def _check_samples(distance_m: float, measured_m: Sequence[float]) -> None:
+    check_distance(distance_m)
     if len(measured_m) < MIN_SAMPLES:
         raise ProfileError(ProfileFault.TOO_FEW_SAMPLES, count=len(measured_m), least=MIN_SAMPLES)
 

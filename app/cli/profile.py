@@ -23,7 +23,14 @@ from app.system.paths import find_home
 from app.text.catalogue import knows, render, tr
 from logs.reason import sanitize_terminal
 from profiles.files import edit, encode, parse_assignments
-from profiles.palm import calibrated_camera, explain_estimate, palm_estimate, reference_segment, with_calibration
+from profiles.palm import (
+    calibrated_camera,
+    check_distance,
+    explain_estimate,
+    palm_estimate,
+    reference_segment,
+    with_calibration,
+)
 from profiles.schema import Profile, Sex
 from profiles.store import ChangeCause, ProfileStore
 
@@ -136,6 +143,7 @@ def calibrate(
 
     A therapist or engineer signs in first.
     """
+    check_distance(distance / 100)
     by = sign_in(home, Permission.CALIBRATE)
 
     from app.perception.palm_calibration import WANTED_SAMPLES, sample_palm

@@ -101,7 +101,7 @@ def find_recording(folder: Path, named: str) -> Path:
     if given.suffix == TRAIL_SUFFIX:
         return given.with_suffix(RECORDING_SUFFIX)
     found = sorted(path for path in folder.glob(f"*{RECORDING_SUFFIX}") if not path.name.endswith(PICTURES_SUFFIX))
-    matches = found[-1:] if named == "last" else [path for path in found if path.name.startswith(named)]
+    matches = found[-1:] if named == "last" else [path for path in found if named and path.name.startswith(named)]
     if not matches:
         raise AppError(RecordingReadFault.NO_RECORDING, name=named, folder=folder)
     if len(matches) > 1:

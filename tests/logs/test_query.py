@@ -250,7 +250,7 @@ def test_a_line_that_does_not_match_its_hash_becomes_no_row(tmp_path: Path) -> N
     assert omitted_lines(connect([path]), lines) == {str(path): 1}
 
 
-@pytest.mark.parametrize("sql", ["SELECT nonsense FROM records", "SELEC 1", "DROP TABLE nothing"])
+@pytest.mark.parametrize("sql", ["SELECT nonsense FROM records", "SELEC 1", "DROP TABLE nothing", "SELECT \udcff"])
 def test_a_bad_question_is_refused(logs: Path, sql: str) -> None:
     connection = connect([logs])
     with pytest.raises(AuditError) as raised:

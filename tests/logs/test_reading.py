@@ -220,9 +220,13 @@ def test_a_session_is_found_by_the_beginning_of_its_name(three: Trail) -> None:
     with pytest.raises(AuditError) as raised:
         find_session(three.folder, "s")
     assert (raised.value.code, raised.value.values["matches"]) == (AuditFault.AMBIGUOUS_SESSION, 3)
-    with pytest.raises(AuditError) as raised:
-        find_session(three.folder, "x")
-    assert raised.value.code is AuditFault.NO_SESSION
+    (three.folder / "s3.jsonl").unlink()
+    (three.folder / "s2.jsonl").unlink()
+    assert find_session(three.folder, "s").name == "s1.jsonl"
+    for name in ("x", ""):  # an empty name, as of an unset variable of a shell, means none
+        with pytest.raises(AuditError) as raised:
+            find_session(three.folder, name)
+        assert raised.value.code is AuditFault.NO_SESSION
 
 
 def test_where_no_session_was_recorded_none_is_missed_by_name(tmp_path: Path) -> None:

@@ -41,6 +41,10 @@ def test_a_palm_is_calibrated_with_the_cameras_measured_intrinsics(
     done = CliRunner().invoke(tree(), ["profile", "calibrate", "demo", "--distance", "30"])
     assert isinstance(done.exception, HardwareError), done.output
     assert done.exception.code is CameraFault.INTRINSICS_UNREADABLE
+    for distance in ("-1", "0", "14", "81", "1e30"):  # refused before a palm is asked for
+        done = CliRunner().invoke(tree(), ["profile", "calibrate", "demo", f"--distance={distance}"])
+        assert isinstance(done.exception, ProfileError), done.output
+        assert (done.exception.code, done.output) == (ProfileFault.DISTANCE, "")
 
 
 def test_what_others_change_while_a_palm_is_held_before_the_camera_is_kept(

@@ -255,6 +255,7 @@ def test_pictures_are_no_recording_of_their_own(tmp_path: Path) -> None:
     [
         ("s", RecordingReadFault.AMBIGUOUS, "{folder} has 2 recordings whose name begins with s."),
         ("nobody", RecordingReadFault.NO_RECORDING, "{folder} has no recording named nobody."),
+        ("", RecordingReadFault.NO_RECORDING, "{folder} has no recording"),
     ],
 )
 def test_a_name_that_begins_several_recordings_or_none_is_refused(
