@@ -54,6 +54,7 @@ DOORS: dict[str, tuple[str, ...]] = {
     "simulate gait": ("simulate", "walk", "--gait", "{file}"),
     "simulate profile": ("simulate", "walk", "--profile", "{file}"),
     "gestures": ("evaluate", "gestures", "{file}"),
+    "finding": ("evaluate", "finding", "{file}", "--digital", "1000"),
     "distance": ("evaluate", "distance", "{file}"),
     "video": ("evaluate", "video", "{file}"),
     "camera": ("camera", "show", "{file}"),

@@ -45,9 +45,9 @@ def finding(
     from app.evaluate.gestures import redetection
     from kgdfa.keypoints import HandDetector
 
+    listed = [] if directory is None else read_labels(directory)
     total, rooms = digital * len(POSES), redetection.empty_rooms(digital, first_seed)
     unreadable: dict[str, Reason] = {}
-    listed = [] if directory is None else read_labels(directory)
 
     def empty() -> Iterator[Image]:
         return chain(rooms, redetection.images_without_hand(listed, directory or Path(), unreadable))
