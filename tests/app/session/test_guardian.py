@@ -3,121 +3,27 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any
+from typing import Any, Literal
 
-import can
 import pytest
 
 from app.ipc.links import new_link_directory
-from app.ipc.messages import GuardianHealth, Heartbeat
-from app.ipc.streams import ABSENT_NS, HEARTBEAT
-from app.session.guardian import NAMING_NS, RETRY_NS, Guardian, GuardianNotice
-from app.session.heartbeat_check import OFF_NS, GuardianAction
+from app.ipc.streams import ABSENT_NS, DAMP_NS, HEARTBEAT
+from app.session.guardian import ANSWER_CHECKS, ANSWER_NS, NAMING_NS, RETRY_NS, Guardian, GuardianNotice
+from app.session.heartbeat_check import ENDING_DAMP_NS, OFF_NS, GuardianAction
 from app.system.config import Config, JointsConfig, SessionSetup
-from hal.errors import CanFault, HardwareError
-from hal.joints.can.port import frame_of, message_of
-from hal.joints.codecs.wire import Frame, Order, SetPoint
+from hal.joints.codecs.wire import Order, SetPoint
 from hal.joints.device import Exoskeleton, load_exoskeleton
 from hal.joints.emulator.emulator import DriveEmulator
-from hal.joints.emulator.firmware import EmulatedDrive
 from hal.joints.protocol import Joint
 from logs.reason import reason
 from logs.records import HeartbeatLost, Note
 from profiles.schema import DEMO_PATIENT
+from tests.app.session.guardian_watch import CHECK, MS, Watch
 from tests.support.can_rig import assert_damping, listening, with_motor
-
-MS = 1_000_000
-CHECK = 4 * MS
-
-
-class Adapter(can.BusABC):
-    """A bus whose adapter may be pulled out; what is plugged in again is another one. Its drives answer at once."""
-
-    def __init__(self, drives: Sequence[EmulatedDrive]) -> None:
-        super().__init__(channel=0)
-        self.plugged = True
-        self.sent = 0
-        self._drives = drives
-        self._replies: list[Frame] = []
-
-    def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        self._touch()
-        self.sent += 1
-        for drive in self._drives:
-            if drive.accepts(frame_of(msg)):
-                self._replies += drive.receive(frame_of(msg), self.sent)
-
-    def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
-        self._touch()
-        return (message_of(self._replies.pop(0)), False) if self._replies else (None, False)
-
-    def shutdown(self) -> None:
-        super().shutdown()
-        self._touch()
-
-    def _touch(self) -> None:
-        if not self.plugged:
-            raise can.CanOperationError("no such device", 19)
-
-
-@dataclass
-class Watch:
-    """A guardian whose checks, heartbeats and adapters are the test's."""
-
-    adapters: list[Adapter] = field(default_factory=list)
-    there: bool = True  # an adapter is plugged in
-    drives: tuple[EmulatedDrive, ...] = ()
-    health: list[GuardianHealth] = field(default_factory=list)
-    records: list[Any] = field(default_factory=list)
-    beat: Heartbeat | None = None
-    now_ns: int = 1_000 * MS
-    step_ns: int = CHECK
-
-    def open_bus(self, _: object) -> Adapter:
-        if not self.there:
-            raise HardwareError(CanFault.NO_INTERFACE, bus="can0", command="")
-        self.adapters.append(Adapter(self.drives))
-        return self.adapters[-1]
-
-    def pull_out(self) -> None:
-        self.there = self.adapters[-1].plugged = False
-
-    def receive(self) -> Heartbeat | None:
-        beat, self.beat = self.beat, None
-        return beat
-
-    def check(self, guardian: Guardian, for_ns: int, *, enabled: bool | None = True) -> None:
-        """Checks for so long, each with a heartbeat; None: without."""
-        for _ in range(for_ns // self.step_ns):
-            self.now_ns += self.step_ns
-            if enabled is not None:
-                self.beat = Heartbeat(at_ns=self.now_ns, enabled=enabled)
-            guardian.check(self.now_ns)
-
-    def end_unconfirmed(self, guardian: Guardian, *, killed: bool = False) -> tuple[list[GuardianAction], float]:
-        """Control and session end with a drive that has not confirmed: what is done then, and for how long (ms).
-
-        killed: control ends without another heartbeat.
-        """
-        self.check(guardian, RETRY_NS)
-        self.check(guardian, 300 * MS, enabled=False)
-        guardian.end()
-        ended_ns = self.now_ns
-        self.beat = Heartbeat(at_ns=ended_ns, enabled=False, last=not killed, unconfirmed=True)
-        actions = []
-        while self.now_ns == ended_ns or not guardian.done(self.now_ns):
-            assert self.now_ns - ended_ns < 10_000 * MS, "it does not end"
-            self.check(guardian, self.step_ns, enabled=None)
-            actions.append(guardian._state.action)
-        return actions, (self.now_ns - ended_ns) / MS
-
-    def notes(self) -> list[Note]:
-        """What the guardian wrote to the trail."""
-        return [one for one in self.records if isinstance(one, Note)]
 
 
 @pytest.fixture
@@ -126,31 +32,34 @@ def watch() -> Watch:
 
 
 @pytest.fixture
-def make_guardian(watch: Watch, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[Exoskeleton], Guardian]:
+def make_guardian(watch: Watch, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Guardian]:
     """Makes the guardian of such a device."""
 
     def nothing(*_: Any, **__: Any) -> None:
         pass
 
     link = SimpleNamespace(
-        receive=watch.receive, send=watch.health.append, foreign_peers=lambda: 0, emit=watch.records.append
+        receive=watch.receive,
+        send=watch.health.append,
+        foreign_peers=watch.foreign_peers,
+        emit=watch.records.append,
+        close=nothing,
     )
     for name in ("AuditSink", "LatestReceiver", "Publisher"):
         monkeypatch.setattr(f"app.session.guardian.{name}", lambda *_: link)
     for name in ("set_scheduling", "place_guardian"):
         monkeypatch.setattr(f"app.session.guardian.{name}", nothing)
     monkeypatch.setattr("hal.joints.can.safe_stop.open_bus", watch.open_bus)
-    config = Config(joints=JointsConfig(kind="can"))
     links = new_link_directory(tmp_path)
 
-    def make(device: Exoskeleton) -> Guardian:
+    def make(device: Exoskeleton, kind: Literal["can", "simulated"] = "can") -> Guardian:
         monkeypatch.setattr("app.session.guardian.load_device", lambda _: device)
         return Guardian(
             SessionSetup(
                 session="s",
                 home=tmp_path,
                 links=links,
-                config=config,
+                config=Config(joints=JointsConfig(kind=kind)),
                 profile=DEMO_PATIENT,
                 operator="",
                 host_pid=os.getppid(),
@@ -161,7 +70,7 @@ def make_guardian(watch: Watch, tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
 
 @pytest.fixture
-def guardian(make_guardian: Callable[[Exoskeleton], Guardian]) -> Guardian:
+def guardian(make_guardian: Callable[..., Guardian]) -> Guardian:
     return make_guardian(load_exoskeleton())
 
 
@@ -230,7 +139,7 @@ def test_a_control_that_comes_back_is_answered_at_once(guardian: Guardian, watch
 
 @pytest.mark.parametrize(("motor", "damped_ms"), [("AK80-64/V2", 300), ("AK80-64/V3", 0)])
 def test_drives_that_have_not_confirmed_that_they_are_off_are_damped_before_but_none_that_it_would_power(
-    make_guardian: Callable[[Exoskeleton], Guardian],
+    make_guardian: Callable[..., Guardian],
     watch: Watch,
     monkeypatch: pytest.MonkeyPatch,
     motor: str,
@@ -292,3 +201,82 @@ def test_a_guardian_whose_checks_are_too_few_to_name_anybody_ends_all_the_same(
     _, took_ms = watch.end_unconfirmed(guardian)
     assert watch.notes() == []
     assert took_ms == pytest.approx(300 + NAMING_NS / MS, abs=300)
+
+
+def test_it_keeps_the_bus_that_it_damps_over_though_control_reports_that_the_drives_are_off(
+    guardian: Guardian, watch: Watch
+) -> None:
+    """What it opens anew it opens afterwards; the adapter of before is released."""
+    watch.check(guardian, RETRY_NS)
+    watch.check(guardian, 80 * MS, enabled=None)
+    watch.check(guardian, DAMP_NS, enabled=False)
+    assert watch.health[-1].acted
+    assert len(watch.adapters) == 1
+    watch.check(guardian, 2 * OFF_NS, enabled=False)
+    assert not watch.health[-1].acted
+    assert [one.open for one in watch.adapters] == [False, True]
+
+
+@pytest.mark.parametrize("ending", [False, True])
+def test_where_the_session_goes_on_it_damps_for_as_long_as_a_wearer_takes_to_sink(
+    guardian: Guardian, watch: Watch, ending: bool
+) -> None:
+    watch.check(guardian, RETRY_NS)
+    if ending:
+        guardian.end()
+    while not watch.health[-1].acted:
+        watch.check(guardian, CHECK, enabled=None)
+    acted_ns = watch.now_ns
+    while not watch.health[-1].off:
+        assert watch.now_ns < acted_ns + 2 * DAMP_NS
+        watch.check(guardian, CHECK, enabled=None)
+    expected_ns = ENDING_DAMP_NS if ending else DAMP_NS
+    assert watch.now_ns - acted_ns == pytest.approx(expected_ns, abs=2 * CHECK)
+
+
+def test_a_heartbeat_that_is_stale_at_one_check_only_is_no_loss(guardian: Guardian, watch: Watch) -> None:
+    watch.check(guardian, RETRY_NS)
+    while not guardian._state.missed:
+        watch.check(guardian, CHECK, enabled=None)
+    watch.check(guardian, RETRY_NS)
+    assert not any(isinstance(one, HeartbeatLost | Note) for one in watch.records)
+    watch.check(guardian, 80 * MS, enabled=None)
+    assert [one for one in watch.records if isinstance(one, HeartbeatLost | Note)] == [
+        HeartbeatLost(stream=HEARTBEAT.name, age_ms=72.0),
+        Note(text=reason(GuardianNotice.DAMPS)),
+    ]
+
+
+@pytest.mark.parametrize("step_ms", [4, 20])
+def test_replies_that_waited_in_the_socket_are_no_answer_to_the_guardian(
+    guardian: Guardian, watch: Watch, step_ms: int
+) -> None:
+    watch.step_ns = step_ms * MS
+    drives = DriveEmulator(load_exoskeleton()).drives
+    replies = [frame for drive in drives for frame in drive._reports()]
+    watch.waiting = replies * (6_000 // len(replies))
+    watch.check(guardian, RETRY_NS)
+    watch.check(guardian, 80 * MS + ANSWER_CHECKS * watch.step_ns + ANSWER_NS, enabled=None)
+    assert watch.health[-1].unanswered == ("left_hip", "left_knee", "right_hip", "right_knee")
+
+
+def test_foreign_peers_are_counted_over_the_session(guardian: Guardian, watch: Watch) -> None:
+    watch.check(guardian, RETRY_NS)
+    for _ in range(2):
+        watch.strangers = 2
+        watch.check(guardian, RETRY_NS)
+    assert watch.health[-1].foreign_peers == 4
+
+
+def test_simulated_joints_are_gone_with_control_and_the_guardian_says_so(
+    make_guardian: Callable[..., Guardian], watch: Watch
+) -> None:
+    guardian = make_guardian(load_exoskeleton(), kind="simulated")
+    watch.check(guardian, RETRY_NS)
+    watch.check(guardian, 80 * MS, enabled=None)
+    assert watch.notes() == [Note(text=reason(GuardianNotice.CANNOT_REACH))]
+    assert watch.health[-1].acted
+    watch.check(guardian, DAMP_NS + OFF_NS + RETRY_NS, enabled=False)
+    assert (watch.health[-1].acted, watch.health[-1].fault, watch.adapters) == (False, None, [])
+    guardian.close()
+    assert watch.records[-1].reason == reason(GuardianNotice.ENDED, action=GuardianAction.MONITOR)
