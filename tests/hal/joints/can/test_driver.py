@@ -277,6 +277,16 @@ def test_a_drive_that_disables_itself_is_a_fault(make_rig: MakeRig, motor: str) 
     assert feedback.state is DriveState.FAULTED
 
 
+def test_a_fault_that_leaves_a_drive_disabled_is_what_is_reported_of_it(make_rig: MakeRig) -> None:
+    rig = make_rig(with_motor("DM10010/default"))
+    start(rig)
+    rig.emulator.inject(Fault.ERROR, KNEE, 9)
+    rig.until(lambda now: now.faults[KNEE], HOLD)
+    rig.emulator.inject(Fault.HEALED, KNEE)
+    feedback = rig.until(lambda _: drive_of(rig).enabled is False, HOLD)
+    assert (feedback.state, feedback.faults[KNEE]) == (DriveState.FAULTED, DriveFault.UNDER_VOLTAGE)
+
+
 @pytest.mark.parametrize(
     ("motor", "commands", "fault"),
     [
@@ -627,15 +637,17 @@ def test_enabling_replays_no_old_command(make_rig: MakeRig) -> None:
     assert all(drive.effective(rig.now_ns()).stiffness_nm_rad < 0.2 for drive in rig.emulator.drives)
 
 
-def test_gains_rise_after_enabling(make_rig: MakeRig) -> None:
+@pytest.mark.parametrize(("after_s", "share"), [(0.0, 0.0), (1.0, 0.2), (2.5, 0.5), (5.0, 1.0), (9.0, 1.0)])
+def test_stiffness_and_torque_rise_after_enabling(make_rig: MakeRig, after_s: float, share: float) -> None:
     rig = make_rig(msgspec.structs.replace(with_motor("AK80-64/V2"), soft_start_s=5.0))
+    enabled_ns = rig.now_ns() + 60_000_000_000
     rig.joints.open(rig.now_ns())
-    rig.joints.enable(rig.now_ns())
-    rig.until(lambda _: rig.emulator.drives[0].effective(rig.now_ns()).stiffness_nm_rad > 0.2, HOLD)
-    first = rig.emulator.drives[0].effective(rig.now_ns())
-    assert first.stiffness_nm_rad < 75.0
-    assert first.damping_nm_s_rad == pytest.approx(5.0, abs=0.01)
-    rig.until(lambda _: rig.emulator.drives[0].effective(rig.now_ns()).stiffness_nm_rad > 30.0, HOLD)
+    rig.joints.enable(enabled_ns)
+    rig.joints.write(command(0.1, stiffness=200.0, damping=3.0, torque=10.0), enabled_ns + int(after_s * 1e9))
+    drive = rig.emulator.drives[0]
+    until(lambda: drive._target.position_rad == pytest.approx(0.1, abs=0.01))
+    risen = (drive._target.stiffness_nm_rad, drive._target.damping_nm_s_rad, drive._target.torque_nm)
+    assert risen == pytest.approx((200.0 * share, 3.0, 10.0 * share), abs=0.2)
 
 
 def test_a_command_that_is_no_number_becomes_damping_and_is_reported(rig: CanRig) -> None:

@@ -122,3 +122,11 @@ def test_an_absent_bus_takes_and_gives_nothing() -> None:
         assert bus.recv(0) is None
         with pytest.raises(can.CanOperationError):
             bus.send(can.Message())
+
+
+def test_closed_drives_need_no_bus_to_be_closed_again(make_rig: MakeRig, gone: set[str]) -> None:
+    rig = make_rig(with_motor("AK80-64/V2"))
+    rig.joints.open(rig.now_ns())
+    rig.joints.close(rig.now_ns())
+    gone.add(rig.emulator.device.buses[0].channel)
+    rig.joints.close(rig.now_ns())
