@@ -11,11 +11,13 @@ import pytest
 from msgspec.structs import replace
 
 from app.control.diagnostics import Diagnostics
-from app.control.events.row import Above
+from app.control.events.row import Above, Compared
 from app.control.events.table import TABLE, advance, effect_of
 from app.ipc.states import Effect, Event
 from app.text.catalogue import render
 from hal.errors import DrivesFault, HardwareError
+from hal.joints.guard import RANGE_MARGIN_RAD
+from hal.joints.protocol import Joint
 from logs.reason import reason, reason_of
 from tests.app.control.ideal_joints import IdealJoints
 from tests.app.control.rig import SETTINGS
@@ -153,16 +155,48 @@ def test_what_has_passed_is_read_for_a_second_and_does_nothing_any_more(
     assert effect_of(after) is Effect.NOTE
 
 
+@pytest.mark.parametrize(
+    ("event", "quantity"),
+    [
+        (E.OUT_OF_RANGE, "joints.beyond_range"),
+        (E.OVER_SPEED, "joints.beyond_speed"),
+        (E.OVER_TORQUE, "joints.beyond_torque"),
+    ],
+)
+def test_legs_that_somebody_moves_by_hand_are_within_no_limits_of_the_drives(event: Event, quantity: str) -> None:
+    beyond_limit = with_one(quantity, True)
+    assert event in events_of(beyond_limit)
+    assert event not in events_of(replace(beyond_limit, powered=False))
+
+
 @pytest.mark.parametrize("event", [E.OVER_TEMPERATURE_WARNING, E.OVER_TEMPERATURE, E.OUT_OF_RANGE])
 def test_before_the_joints_have_answered_nothing_is_compared(event: Event) -> None:
     (row,) = (row for row in TABLE if row.event is event)
     assert row.compared(CALM) is None
 
 
+def compared_in(event: Event, **fields: Any) -> Compared | None:
+    """What an event's row compares where the joints report this."""
+    (row,) = (row for row in TABLE if row.event is event)
+    feedback = dataclasses.replace(IdealJoints().feedback(0), **fields)
+    return row.compared(replace(CALM, joints=replace(CALM.joints, feedback=feedback, settings=SETTINGS)))
+
+
 def test_drives_that_report_no_temperature_are_compared_with_no_limit() -> None:
-    (row,) = (row for row in TABLE if row.event is E.OVER_TEMPERATURE)
-    feedback = dataclasses.replace(IdealJoints().feedback(0), temperature_c=np.full(4, math.nan))
-    assert row.compared(replace(CALM, joints=replace(CALM.joints, feedback=feedback, settings=SETTINGS))) is None
+    assert compared_in(E.OVER_TEMPERATURE, temperature_c=np.full(4, math.nan)) is None
+    hot = np.array([math.nan, 20.0, 95.0, 30.0])
+    assert compared_in(E.OVER_TEMPERATURE, temperature_c=hot) == Compared("temperature_c", 95.0, 80.0, Joint.RIGHT_HIP)
+
+
+@pytest.mark.parametrize("end", ["low", "high"])
+@pytest.mark.parametrize("joint", Joint)
+def test_a_joint_beyond_its_range_is_named_with_the_end_that_it_has_passed(joint: Joint, end: str) -> None:
+    low_rad, high_rad = SETTINGS.limits.low_rad - RANGE_MARGIN_RAD, SETTINGS.limits.high_rad + RANGE_MARGIN_RAD
+    position_rad = (low_rad + high_rad) / 2
+    end_rad = float(low_rad[joint] if end == "low" else high_rad[joint])
+    position_rad[joint] = end_rad + (-0.1 if end == "low" else 0.1)
+    compared = compared_in(E.OUT_OF_RANGE, position_rad=position_rad)
+    assert compared == Compared("angle_rad", float(position_rad[joint]), end_rad, joint)
 
 
 def test_lost_power_is_raised_with_what_the_driver_reports() -> None:

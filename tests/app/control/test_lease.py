@@ -16,7 +16,7 @@ from app.control.operator_commands import admits
 from app.ipc.messages import STOP_KINDS, OperatorCommand, OperatorKind
 from app.ipc.states import ConsoleChange, Effect, Event, GaitState
 from app.ipc.streams import DAMP_NS
-from app.motion.follower import Mode
+from app.motion.follower import DAMPING_RAMP_S, Mode
 from hal.joints.protocol import DriveState
 from logs import records
 from logs.reason import Reason, key_of
@@ -198,6 +198,18 @@ def test_a_session_without_a_console_is_held_then_damped_for_long_and_switched_o
     rig.run_until(lambda _: rig.outputs is not None and rig.outputs.finished)
     assert rig.now_ns - ended_ns >= END_HOLD_NS + DAMP_NS - TICK_NS
     assert drives(rig) is DriveState.DISABLED
+    assert notes(rig).count(key_of(ConsoleChange.NOBODY_CAME)) == 1
+
+
+def test_a_session_that_its_console_ends_is_not_damped_for_long_though_the_console_goes_before_it() -> None:
+    rig = standing()
+    rig.settings = unattended_after(rig, 0.1)
+    rig.send(K.SHUT_DOWN)
+    rig.tick()
+    ended_ns, rig.alive = rig.now_ns, False
+    rig.run_until(lambda _: rig.outputs is not None and rig.outputs.finished)
+    assert rig.now_ns - ended_ns == pytest.approx(END_HOLD_NS + DAMPING_RAMP_S * 1e9, abs=3 * TICK_NS)
+    assert (now(rig).unattended, notes(rig)) == (False, [])
 
 
 def test_a_console_that_control_could_not_hear_was_there() -> None:
@@ -207,6 +219,7 @@ def test_a_console_that_control_could_not_hear_was_there() -> None:
     rig.spoil = {"late_ns": 3_000_000_000, "missed_ticks": 1500}
     rig.tick(200)
     assert now(rig).ending_ns == 0
+    assert not rig.events() & {Event.CLOCK_JUMP.value, Event.HOST_SUSPENDED.value}, "its clocks went on"
     rig.alive = False
     rig.run_until(lambda m: m.unattended)
 

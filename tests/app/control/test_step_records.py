@@ -269,13 +269,13 @@ def test_every_change_of_state_stands_in_the_trail() -> None:
     rig = standing()
     for action in (A.STEP_RIGHT_FIRST, A.STEP_END, A.STAIR_UP, A.SIT_DOWN):
         rig.act(action)
-    states = [(b.from_state, b.to_state) for b in records_of(rig, records.Transition)]
+    states = [(b.from_state, b.to_state, b.action) for b in records_of(rig, records.Transition)]
     assert states == [
-        ("standing", "right leg forward"),
-        ("right leg forward", "standing"),
-        ("standing", "right leg high step"),
-        ("right leg high step", "standing"),
-        ("standing", "sitting"),
+        ("standing", "right leg forward", A.STEP_RIGHT_FIRST.value),
+        ("right leg forward", "standing", A.STEP_END.value),
+        ("standing", "right leg high step", A.STAIR_UP.value),
+        ("right leg high step", "standing", A.STAIR_UP.value),
+        ("standing", "sitting", A.SIT_DOWN.value),
     ]
 
 

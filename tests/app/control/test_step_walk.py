@@ -190,6 +190,18 @@ def test_when_perception_goes_a_walk_of_the_wearer_ends_and_the_therapists_conti
     assert now(rig).running is None
 
 
+def test_a_walk_that_the_wearer_has_ended_was_ended_by_no_event_that_comes_after() -> None:
+    rig = standing()
+    request(rig, A.WALK, Source.GESTURE)
+    rig.run_until(lambda m: m.gait.phase is Phase.WALK_LEFT)
+    request(rig, A.WALK_END, Source.GESTURE)
+    rig.run_until(lambda m: m.gait.closing)
+    rig.audit_health = {"fault": reason_of(OSError("disk full"))}
+    rig.run_until(lambda _: Event.AUDIT_WRITE_FAILED.value in rig.events())
+    assert rig.settle().gait.state is S.STANDING
+    assert now(rig).reports[-1].reason is None
+
+
 def test_when_the_trail_stops_any_walk_ends_normally() -> None:
     rig = moving(A.WALK)
     rig.auditing = False

@@ -10,8 +10,10 @@ from app.control.running_action import Stage
 from app.ipc.messages import OperatorKind
 from app.ipc.states import Action, Effect, Event, GaitState
 from app.motion.follower import Mode
-from hal.inputs.device import Contact, InputRole
+from hal.errors import HardwareError, StopInputFault
+from hal.inputs.device import Contact, InputReading, InputReadings, InputRole
 from logs import records
+from logs.reason import reason_of
 from tests.app.control.causes import Switch, lag, with_switch
 from tests.app.control.moments import HOLD_TICKS, RESTS, A, K, S, moving, now, records_of, resting, standing
 from tests.app.control.rig import TICK_NS, Rig
@@ -140,6 +142,35 @@ def test_each_role_has_its_event_which_names_the_input_and_the_trail_records_it(
     rig.tick(40)
     found = [(one.name, one.role, one.contact) for one in records_of(rig, records.StopInput)]
     assert found == [("pendant", role.value, "open"), ("pendant", role.value, "closed")]
+
+
+def test_an_acknowledgement_sent_while_the_button_was_down_does_not_count_once_it_is_up() -> None:
+    rig = standing()
+    switch = with_pressed_once(rig)
+    switch.contact = Contact.OPEN
+    rig.tick(10)
+    switch.contact = Contact.CLOSED
+    rig.run_until(lambda m: not any(one.present for one in m.events))
+    up_ns = next(one.last_ns for one in now(rig).events)
+    rig.tick(10)
+    for age_ns in (rig.now_ns + TICK_NS - up_ns, 0):
+        assert rig.events() == {Event.WEARER_STOP.value}
+        rig.send(K.ACKNOWLEDGE, age_ms=age_ns / 1e6)
+        rig.tick()
+    assert rig.events() == set()
+
+
+def test_the_trail_says_why_a_stop_input_tells_nothing() -> None:
+    rig = standing()
+    switch = with_pressed_once(rig)
+    rig.audit.clear()
+    fault = HardwareError(StopInputFault.UNPLUGGED, name="pendant")
+    silent = InputReading("pendant", InputRole.WEARER, Contact.SILENT, rig.now_ns, fault)
+    rig.spoil["stop_inputs"] = InputReadings(rig.now_ns, (silent,))
+    rig.tick()
+    switch.contact = Contact.CLOSED
+    rig.tick(40)
+    assert [one.reason for one in records_of(rig, records.StopInput)] == [reason_of(fault), None]
 
 
 def test_a_press_that_is_over_before_a_late_tick_still_holds() -> None:
