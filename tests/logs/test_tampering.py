@@ -17,7 +17,7 @@ from logs.journal import found_torn, open_part
 from logs.keys import ConsoleKey, load_or_make_key, read_anchors
 from logs.line import GENESIS, canonical, seal, signed_message, unseal
 from logs.reason import key_of, reason
-from logs.records import Checkpoint, Note, Payload
+from logs.records import Checkpoint, LogClosed, LogOpened, Note, Payload
 from logs.scan import Break, Scan, scan_stream
 from logs.trail import open_logger
 from logs.verify import Evidence, Finding, Status, exit_status, verify
@@ -130,7 +130,7 @@ def forged(path: Path, change: Callable[[Payload], Payload], key: ConsoleKey | N
         assert parts is not None
         payload = change(msgspec.json.decode(parts[0], type=Payload))
         payload = msgspec.structs.replace(payload, previous=previous, sequence=number)
-        if key is not None and isinstance(payload.body, Checkpoint):
+        if key is not None and isinstance(payload.body, Checkpoint | LogOpened | LogClosed):
             blank = msgspec.structs.replace(payload.body, key=key.public.fingerprint, signature="")
             payload = msgspec.structs.replace(payload, body=blank)
             signature = key.sign(signed_message(canonical(payload)))
@@ -213,6 +213,49 @@ def test_a_file_dropped_from_the_manifest_is_caught(three: Trail, name: str) -> 
     three.manifest.write_bytes(forged(three.manifest, lambda payload: payload))
     (three.folder / f"{name}.jsonl").unlink()
     assert the_bad(three)
+
+
+def without(trail: Trail, entry: type[LogOpened | LogClosed], name: str) -> None:
+    """The manifest without the entries of this kind about this file, signed anew by who has the key."""
+    kept = []
+    for line in lines_of(trail.manifest):
+        parts = unseal(line)
+        assert parts is not None
+        body = msgspec.json.decode(parts[0], type=Payload).body
+        if not (isinstance(body, entry) and body.file == name):
+            kept.append(line)
+    trail.manifest.write_bytes(b"".join(kept))
+    trail.manifest.write_bytes(forged(trail.manifest, lambda payload: payload, trail.key))
+
+
+def test_even_with_the_key_a_session_dropped_from_the_manifest_is_missed_by_the_next_one(three: Trail) -> None:
+    without(three, LogOpened, "s1.jsonl")
+    without(three, LogClosed, "s1.jsonl")
+    (three.folder / "s1.jsonl").unlink()
+    findings = verify([three.folder], Evidence(keys=three.keys))
+    bad = {one.file.name: one.reason for one in findings if one.status is Status.TAMPERED}
+    assert bad["s2.jsonl"] == reason(Verdict.HISTORY_MISSING)
+
+
+@pytest.mark.parametrize(
+    ("records", "torn_bytes", "verdict"),
+    [
+        (None, 0, Verdict.CLOSE_NOT_IN_MANIFEST),
+        (3, 0, Verdict.NOT_CLOSED),
+        (3, 10, Verdict.NOT_CLOSED_TORN),
+    ],
+)
+def test_a_session_whose_end_the_manifest_does_not_know_is_incomplete_and_says_how(
+    trail: Trail, records: int | None, torn_bytes: int, verdict: Verdict
+) -> None:
+    without(trail, LogClosed, trail.session.name)
+    lines = lines_of(trail.session)
+    if records is not None:
+        trail.session.write_bytes(b"".join([*lines[:records], lines[records][:torn_bytes]]))
+    (finding,) = (one for one in verify([trail.folder], Evidence(keys=trail.keys)) if one.file == trail.session)
+    assert finding.status is Status.INCOMPLETE
+    assert finding.reason is not None
+    assert finding.reason.code == key_of(verdict)
 
 
 def test_a_missing_manifest_is_caught(trail: Trail) -> None:

@@ -217,9 +217,10 @@ def test_a_console_that_control_could_not_hear_was_there() -> None:
     rig.settings = unattended_after(rig, 2.0)
     rig.now_ns += 3_000_000_000
     rig.spoil = {"late_ns": 3_000_000_000, "missed_ticks": 1500}
+    rig.tick()
+    assert not rig.events() & {Event.CLOCK_JUMP.value, Event.HOST_SUSPENDED.value}, "its clocks went on"
     rig.tick(200)
     assert now(rig).ending_ns == 0
-    assert not rig.events() & {Event.CLOCK_JUMP.value, Event.HOST_SUSPENDED.value}, "its clocks went on"
     rig.alive = False
     rig.run_until(lambda m: m.unattended)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import msgspec
 import pytest
@@ -18,7 +19,7 @@ from app.motion.preflight import (
     refuse_unfit,
 )
 from app.motion.rehearsal import rehearse
-from app.motion.rehearsal_checks import RehearsalFault, RehearsalVerdict
+from app.motion.rehearsal_checks import RehearsalFault, RehearsalVerdict, faults_of
 from app.motion.trajectory import nominal_pose, plan
 from app.system.paths import Home
 from app.text.catalogue import render
@@ -70,6 +71,37 @@ def test_what_cannot_be_planned_fails_with_its_reason() -> None:
     verdict = rehearse(patient(msgspec.structs.replace(DEMO_PATIENT, gait=gait)), DEVICE, Action.STAIR_UP).verdict
     assert not verdict.passed
     assert verdict.reasons[0].code == key_of(PlanFault.TOO_MUCH_TORQUE)
+
+
+SOUND = RehearsalVerdict(
+    action=Action.WALK,
+    passed=True,
+    reasons=(),
+    peak_torque_nm=(40.0, 40.0, 40.0, 40.0),
+    torque_limit_nm=(80.0, 80.0, 80.0, 80.0),
+    peak_speed_deg_s=(100.0, 100.0, 100.0, 100.0),
+    speed_limit_deg_s=(200.0, 200.0, 200.0, 200.0),
+    clearance_m=0.05,
+)
+
+
+@pytest.mark.parametrize(
+    ("changes", "fault"),
+    [
+        ({}, None),
+        ({"clearance_m": None}, None),
+        ({"tracking_rms_deg": (0.0, 1.9, 0.0, 0.0)}, None),
+        ({"tracking_rms_deg": (0.0, 2.1, 0.0, 0.0)}, RehearsalFault.TRACKING_ERROR),
+        ({"peak_speed_deg_s": (0.0, 200.1, 0.0, 0.0)}, RehearsalFault.TOO_FAST),
+        ({"peak_torque_nm": (0.0, 0.0, 80.0, 0.0)}, RehearsalFault.SATURATED),
+        ({"clearance_m": 0.019}, RehearsalFault.TOO_LITTLE_CLEARANCE),
+        ({"slide_m": 0.021}, RehearsalFault.FOOT_SLIDES),
+        ({"penetration_m": 0.0051}, RehearsalFault.PENETRATION),
+    ],
+)
+def test_each_limit_of_a_rehearsal_fails_it_by_itself(changes: dict[str, Any], fault: RehearsalFault | None) -> None:
+    found = faults_of(msgspec.structs.replace(SOUND, **changes), 0.0, struck=False)
+    assert [one.code for one in found] == ([] if fault is None else [key_of(fault)])
 
 
 STIFF_LEFT_KNEE = msgspec.structs.replace(DEVICE, left_knee=msgspec.structs.replace(DEVICE.left_knee, max_deg=70.0))

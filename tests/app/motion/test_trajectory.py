@@ -16,13 +16,15 @@ from app.control.gait.table import TABLE
 from app.control.running_action import VISIBLE_RAD
 from app.ipc.states import Action, GaitState
 from app.motion.plan import Patient, Phase, Plan, PlanFault, PlanRequest, decode_table, encode_array, patient_of
+from app.motion.plan_check import check_path
 from app.motion.rehearsal import STARTS, WALK_PHASES
 from app.motion.trajectory import FAR_RAD, RECIPES, nominal_pose, plan
+from app.motion.transfer import recovery_path
 from app.text.catalogue import render
 from hal.joints.device import load_exoskeleton
 from hal.joints.guard import ENGAGE_RAD
-from hal.joints.protocol import TICK_HZ
-from logs.reason import Reason, key_of
+from hal.joints.protocol import TICK_HZ, Joint
+from logs.reason import Reason, key_of, reason
 from profiles.schema import GaitParameters, Profile, Sex
 
 DEVICE = load_exoskeleton()
@@ -212,6 +214,41 @@ def test_a_patients_narrower_knee_refuses_the_chair() -> None:
     assert made.check.reason.code == key_of(PlanFault.BEYOND_FLEXION)
     assert made.check.reason.values["joint"] == Reason("Joint.LEFT_KNEE")
     assert made.check.reason.values["limit_rad"] == pytest.approx(np.radians(60))
+
+
+@pytest.mark.parametrize("joint", Joint)
+@pytest.mark.parametrize(
+    "fault",
+    [PlanFault.TOO_FAST, PlanFault.TOO_MUCH_TORQUE, PlanFault.BEYOND_FLEXION, PlanFault.BEYOND_EXTENSION],
+)
+def test_each_limit_of_each_joint_refuses_a_path_that_passes_it(joint: Joint, fault: PlanFault) -> None:
+    """Whatever the plan was slowed down by before."""
+    who, still = patient(), np.zeros((1, 4))
+    path = recovery_path(who, nominal_pose(GaitState.STANDING, who) + 0.1, 1.0)
+    lowest, highest = path.joints_rad.min(axis=0), path.joints_rad.max(axis=0)
+    at_limits = replace(who, low_rad=lowest, high_rad=highest)
+    assert check_path(at_limits, path, still + who.speed_rad_s, still - who.torque_nm).ok
+    beyond = 1e-3 * (np.arange(4) == joint)
+    speed_rad_s = who.speed_rad_s + beyond * (fault is PlanFault.TOO_FAST)
+    torque_nm = who.torque_nm + beyond * (fault is PlanFault.TOO_MUCH_TORQUE)
+    narrow = replace(
+        who,
+        low_rad=lowest + beyond * (fault is PlanFault.BEYOND_EXTENSION),
+        high_rad=highest - beyond * (fault is PlanFault.BEYOND_FLEXION),
+    )
+    why = check_path(narrow, path, still - speed_rad_s, still + torque_nm).reason
+    assert why is not None
+    assert (why.code, why.values["joint"]) == (key_of(fault), reason(joint))
+
+
+def test_a_patient_moves_inside_the_narrower_of_both_ranges() -> None:
+    own = Profile(identifier="p", sex=Sex.FEMALE, stature_m=1.7, mass_kg=65.0, hip_max_rad=0.9, shank_length_m=0.41)
+    who = patient_of(own, DEVICE)
+    low_deg, high_deg = (np.array([getattr(one, end) for one in DEVICE.joints]) for end in ("min_deg", "max_deg"))
+    assert np.degrees(who.low_rad) == pytest.approx(low_deg + 1.0)
+    assert np.degrees(who.high_rad[1::2]) == pytest.approx(high_deg[1::2] - 1.0)
+    assert who.high_rad[::2] == pytest.approx(0.9 - np.radians(1.0))
+    assert (who.body.shank_m, who.body.thigh_m) == (0.41, patient().body.thigh_m)
 
 
 def encoded(message: object) -> bytes:
