@@ -23,6 +23,7 @@ from kgdfa.button_state import (
     PressCancel,
     PressHint,
     is_approaching,
+    is_near,
 )
 from kgdfa.gesture import SETTLING_NS, Gesture
 from kgdfa.hand import Box
@@ -315,6 +316,23 @@ def test_a_hand_approaches_when_it_came_nearer_by_half_of_what_a_press_needs(fal
     assert is_approaching(state, PLACE) is approaching
     assert is_approaching(step(state, LOST), PLACE) is approaching
     assert not is_approaching(run([LOST] * (GAP_FRAMES + 1), state=state), PLACE)
+
+
+@pytest.mark.parametrize(
+    ("distances_m", "near"),
+    [
+        ([FAR], False),
+        ([PLACE.release_m + 0.001], False),
+        ([PLACE.release_m], True),
+        ([NEAR], True),
+    ],
+)
+def test_a_hand_within_the_release_distance_holds_its_gesture_as_in_a_press(
+    distances_m: list[float], near: bool
+) -> None:
+    state = run([Seen(distance_m) for distance_m in distances_m])
+    assert not state.pressed
+    assert is_near(state, PLACE) is near
 
 
 @pytest.mark.parametrize(("still_frames", "commands"), [(0, 1), (5, 0)])

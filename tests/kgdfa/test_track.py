@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from kgdfa import frame_time
 from kgdfa.button_state import GAP_FRAMES
-from kgdfa.commanding import EQUAL_CLAIM, STILL_NS, Tracks, update_tracks
+from kgdfa.commanding import EQUAL_CLAIM, STILL_NS, UNCLEAR_FRAMES, Tracks, update_tracks
 from kgdfa.continuity import DOUBTFUL_FRAMES, Jump
 from kgdfa.gesture import HandRefusal
 from kgdfa.hand import Hand, Side
@@ -367,3 +367,11 @@ def test_whoever_takes_over_a_track_has_its_own_vote(x_px: int, side_flips: int)
         tracks = after([frame], RIGHT, tracks)
         assert not tracks.known or commanding(tracks) is None
     assert refusal(tracks) is HandRefusal.OTHER_SIDE
+
+
+def test_an_unclear_side_is_told_after_as_many_frames_with_a_gesture_and_not_before() -> None:
+    frames = [(of(Side.RIGHT, moved(HERE, 40 * (k % 2)), 0.51),) for k in range(30)]
+    told = [refusal(after(frames[:count], RIGHT)) for count in range(1, 31)]
+    first = told.index(HandRefusal.SIDE_UNCLEAR)
+    assert first == UNCLEAR_FRAMES, "the frame that begins a track tells of no side"
+    assert told == [None] * first + [HandRefusal.SIDE_UNCLEAR] * (30 - first)

@@ -197,6 +197,15 @@ def test_gestures_that_alternate_in_a_press_leave_it_its_gesture() -> None:
         assert vote.gesture is ONE
 
 
+def test_gestures_that_alternated_in_a_press_are_no_reason_to_refuse_one_after_it() -> None:
+    vote = read([ONE] * VOTE_FRAMES)[-1]
+    pressed = [*[TWO] * 2, *[ONE] * 2] * 5
+    for number, gesture in enumerate([*pressed, *[ONE] * 5], start=VOTE_FRAMES):
+        pressing = number < VOTE_FRAMES + len(pressed)
+        vote = update_vote(vote, gesture, number * FRAME_NS, pressing=pressing, refuse_alternating=True)
+    assert vote.gesture is ONE
+
+
 def test_what_alternated_before_an_approach_takes_no_gesture_in_it() -> None:
     flicker: list[Gesture | None] = [*[ONE] * 3, *[TWO] * 3] * 3
     vote = read(flicker)[-1]
