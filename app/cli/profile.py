@@ -143,8 +143,8 @@ def calibrate(
 
     A therapist or engineer signs in first.
     """
-    check_distance(distance / 100)
     by = sign_in(home, Permission.CALIBRATE)
+    check_distance(distance / 100)
 
     from app.perception.palm_calibration import WANTED_SAMPLES, sample_palm
 
