@@ -30,12 +30,13 @@ def main() -> None:
     _escape_unencodable()
     try:
         from app.cli.tree import command
+        from app.cli.usage import run
         from app.text.catalogue import ask_language
 
         language, arguments = _language_in(sys.argv[1:])
         use_configured_language(arguments)
         ask_language(language)
-        command(arguments)(arguments)
+        run(command(arguments), arguments)
     except CodedError as error:
         _refuse(error)
     except BrokenPipeError:

@@ -71,6 +71,7 @@ class CliFault(Enum):
     OPTION_UNUSED = auto()  # option, command
     PREFLIGHT_ELSEWHERE = auto()  # host
     HOME_EMPTY = auto()
+    NO_FOLDER = auto()  # path
     NO_TERMINAL = auto()
     SYSTEM = auto()  # detail
 
@@ -189,6 +190,13 @@ def check_figure(context: Context, path: Path | None) -> Path | None:
         known = FigureCanvasBase.get_supported_filetypes().keys() - {"pgf"}  # that needs LaTeX, and fails at the end
         if path.suffix[1:].lower() not in known:
             raise AppError(CliFault.FIGURE_FORMAT, path=path, known=", ".join(sorted(known)))
+    return path
+
+
+def check_input_folder(path: Path | None) -> Path | None:
+    """An option's callback: refuse a folder that is not there before the work begins. Raises AppError."""
+    if path is not None and not path.is_dir():
+        raise AppError(CliFault.NO_FOLDER, path=path)
     return path
 
 

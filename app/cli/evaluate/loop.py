@@ -12,6 +12,7 @@ from app.cli.common import (
     HomeOption,
     Json,
     check_appended,
+    check_input_folder,
     check_output_folder,
     show,
     shown_after,
@@ -120,7 +121,10 @@ def paper(
         Path, typer.Option("--out", callback=check_output_folder, help="Folder for the page and its figures.")
     ],
     data: Annotated[
-        Path | None, typer.Option(help="Folder with gestures/ and distance/; without it, digital hands.", exists=True)
+        Path | None,
+        typer.Option(
+            callback=check_input_folder, help="Folder with gestures/ and distance/; without it, digital hands."
+        ),
     ] = None,
     attempts: Annotated[int, typer.Option("--trials", help="Table 7: attempts a gesture.", min=1)] = 150,
     seeds: Seeds = "1-3",
