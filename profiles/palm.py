@@ -137,7 +137,7 @@ def _scale_to(calibration: Calibration, width_px: int, height_px: int) -> float 
 MIN_SAMPLES = 20
 MAX_RESIDUAL = 0.05  # a hand held still before a good camera scatters by 1 to 2 %
 MAX_DEVIATION_SD = 3.0  # from what is known of the palm otherwise
-DISTANCE_RANGE_M = (0.15, 0.80)
+DISTANCE_RANGE_M = (0.15, 0.80)  # a palm fills the picture; a palm is a few pixels
 _MAD_TO_SD = 1.4826
 
 

@@ -30,7 +30,7 @@ from hal.errors import HardwareError
 from kgdfa.errors import KgdfaError
 from logs.reason import Reason, reason, reason_of
 from logs.records import Calibration as CalibrationRecord
-from profiles.palm import Calibrated, ReferenceSource, with_calibration
+from profiles.palm import DISTANCE_RANGE_M, Calibrated, ReferenceSource, with_calibration
 from profiles.schema import Profile
 from profiles.store import ChangeCause
 
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from hal.cameras.camera import Frame
 
 DEFAULT_CM = {"digital-hand": "36"}  # where the digital hand rests
-NEAREST_CM, FARTHEST_CM = 15.0, 70.0  # a palm fills the picture; a palm is a few pixels
+NEAREST_CM, FARTHEST_CM = (100.0 * limit_m for limit_m in DISTANCE_RANGE_M)
 BAR_CELLS = 20
 PREVIEW_PX = 160
 PREVIEW_HZ = 10.0
