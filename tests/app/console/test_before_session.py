@@ -142,7 +142,7 @@ async def test_a_calibration_distance_that_is_none_is_reported(console: Opener, 
         assert open_console.app.screen.query_one("#measured").size.height == 1
         open_console.type("measured", typed)
         await open_console.press("enter")
-        await open_console.shows("from 15 to 70")
+        await open_console.shows("from 15 to 80")
 
 
 async def test_a_journal_that_can_t_be_written_ends_no_calibration_screen(console: Opener, home: Home) -> None:
