@@ -17,7 +17,7 @@ from app.motion.plan import Plan, PlanRequest, decode_table
 _M = TypeVar("_M", bound=msgspec.Struct)
 
 SLOW_STREAM_TICKS = 5  # slow streams and plans are polled at 100 Hz: 10 ms of their limits' margin
-LAST_HEARTBEAT_S = 0.1  # the guardian must learn that control has ended in good order
+LAST_S = 0.1  # the guardian must learn that control has ended in good order, consoles whether the drives are off
 HEARTBEATS_WAITING = 64  # more only wait for a guardian that stands still
 PLANS_A_TICK = 4
 COMMANDS_A_TICK = 64  # 3 s of heartbeats: after a stall the newest counts; a flood must not make a tick late
@@ -113,9 +113,10 @@ class ControlLinks:
 
     def close(self) -> None:
         """Release every socket."""
-        for link in self._links[:-1]:
+        for link in self._links[:-2]:
             link.close()
-        self._heartbeats.close(linger_s=LAST_HEARTBEAT_S)
+        self._snapshots.close(linger_s=LAST_S)
+        self._heartbeats.close(linger_s=LAST_S)
 
     def _new_foreign_peers(
         self, audit: AuditHealth | None, guardian: GuardianHealth | None, other_host: LinkHealth | None

@@ -291,6 +291,29 @@ def test_when_control_is_killed_the_guardian_damps_the_drives_and_switches_them_
     assert damped[0][0] < first_exit_ns, "damped first, then off"
 
 
+def test_after_its_end_the_console_knows_whether_the_drives_are_off(on_the_bus: tuple[RealSession, Sniffer]) -> None:
+    session, _ = on_the_bus
+    power(session)
+    session.until(lambda s: s.enabled, "power in the snapshot")
+    session.send(OperatorKind.SHUT_DOWN)
+    session.until_ended("control")
+    assert session.snapshot is not None
+    assert not session.snapshot.enabled
+
+
+def test_after_its_end_the_console_knows_that_drives_did_not_confirm(on_the_bus: tuple[RealSession, Sniffer]) -> None:
+    session, _ = on_the_bus
+    power(session)
+    session.until(lambda s: s.enabled, "power in the snapshot")
+    (drives,) = [one for one in multiprocessing.active_children() if one.name == "emulated drives"]
+    drives.kill()
+    drives.join()
+    session.send(OperatorKind.SHUT_DOWN)
+    session.until_ended("control")
+    assert session.snapshot is not None
+    assert session.snapshot.enabled
+
+
 def test_drives_that_do_not_answer_the_guardian_are_named(on_the_bus: tuple[RealSession, Sniffer]) -> None:
     session, _ = on_the_bus
     power(session)
