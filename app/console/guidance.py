@@ -155,7 +155,8 @@ def left_on(state: SessionState) -> bool:
     Those that hold their last command for ever are stiff until the next session starts or their supply is cut.
     """
     now, guardian = state.snapshot, state.guardian
-    if now is None or state.setup.config.joints.kind == "simulated" or not _gone(state, "control"):
+    simulated = state.setup.config.joints.kind == "simulated" and not state.setup.joints_elsewhere
+    if now is None or simulated or state.control_alive:
         return False
     switched_off = guardian is not None and guardian.off and guardian.fault is None
     return _unanswered(state) or (now.enabled and not switched_off)

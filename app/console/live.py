@@ -19,7 +19,6 @@ from app.ipc.states import Action
 from app.outcomes.guided import GuidedRefusal, GuidedRun, GuidedStop, GuidedTest, advance, begin, refusal_of, result_of
 from app.outcomes.guided import stop as stopped
 from app.session.latest import Latest
-from app.session.launch import MOVERS
 from app.system.authority import Authority
 from app.system.config import SessionSetup
 from app.system.operators import Permission
@@ -54,11 +53,6 @@ class LiveSession:
         config = host.setup.config.voice
         if config.on and switch is not None:  # an observer commands nobody, and neither does its microphone
             self._voice = VoiceStop(config, lambda: host.send(OperatorKind.VOICE_STOP))
-
-    @property
-    def control_alive(self) -> bool:
-        """Whether anything could still move."""
-        return any(process.name in MOVERS and process.alive for process in self.state.processes)
 
     @property
     def pictures_agreed(self) -> bool:

@@ -222,11 +222,11 @@ class SessionFlow(SessionApp):
     async def _after_rest(self, live: LiveSession) -> None:
         loop = asyncio.get_running_loop()
         limit = loop.time() + CONTROL_ENDS_S
-        while live.control_alive and loop.time() < limit:
+        while live.state.control_alive and loop.time() < limit:
             await asyncio.sleep(0.05)
         if not live.closed:  # a console that stood still has its time over before it has read what came meanwhile
             live.tick()
-        if not live.control_alive:
+        if not live.state.control_alive:
             live.at_rest()
         if self.live is not live:
             return

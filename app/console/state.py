@@ -9,6 +9,7 @@ from app.ipc.snapshot import ActiveEvent, ControlSnapshot
 from app.ipc.states import Effect
 from app.ipc.streams import SNAPSHOT, TRIGGER
 from app.session.latest import Latest
+from app.session.launch import MOVERS
 from app.system.config import SessionSetup
 from app.system.vocabulary import VocabularyStatus
 from app.voice.signals import VoiceState
@@ -69,6 +70,11 @@ class SessionState:
     def all_processes(self) -> tuple[ProcessStatus, ...]:
         """Of this computer, and of the one that has the joints."""
         return (*self.processes, *(self.link.processes if self.link is not None else ()))
+
+    @property
+    def control_alive(self) -> bool:
+        """Whether anything could still move: control runs, here or behind the link."""
+        return any(process.name in MOVERS and process.alive for process in self.processes)
 
     @property
     def ended_processes(self) -> tuple[ProcessStatus, ...]:

@@ -9,7 +9,16 @@ from typing import TypeVar
 import msgspec
 
 from app.ipc import streams
-from app.ipc.links import Address, LatestReceiver, OrderedReceiver, OrderedSender, Publisher, address
+from app.ipc.links import (
+    LAST_QUEUE,
+    LAST_S,
+    Address,
+    LatestReceiver,
+    OrderedReceiver,
+    OrderedSender,
+    Publisher,
+    address,
+)
 from app.ipc.messages import AuditHealth, GuardianHealth, Heartbeat, LinkHealth, OperatorCommand, TriggerReport
 from app.ipc.snapshot import ControlSnapshot
 from app.motion.plan import Plan, PlanRequest, decode_table
@@ -17,8 +26,6 @@ from app.motion.plan import Plan, PlanRequest, decode_table
 _M = TypeVar("_M", bound=msgspec.Struct)
 
 SLOW_STREAM_TICKS = 5  # slow streams and plans are polled at 100 Hz: 10 ms of their limits' margin
-LAST_S = 0.1  # the guardian must learn that control has ended in good order, consoles whether the drives are off
-HEARTBEATS_WAITING = 64  # more only wait for a guardian that stands still
 PLANS_A_TICK = 4
 COMMANDS_A_TICK = 64  # 3 s of heartbeats: after a stall the newest counts; a flood must not make a tick late
 
@@ -51,8 +58,8 @@ class ControlLinks:
         self._reports = LatestReceiver(at(streams.TRIGGER), TriggerReport)
         self._audit = LatestReceiver(at(streams.AUDIT_HEALTH), AuditHealth)
         self._guardian = LatestReceiver(at(streams.GUARDIAN), GuardianHealth)
-        self._heartbeats = Publisher(at(streams.HEARTBEAT), queue=HEARTBEATS_WAITING)
-        self._snapshots = Publisher(at(streams.SNAPSHOT))
+        self._heartbeats = Publisher(at(streams.HEARTBEAT), queue=LAST_QUEUE)
+        self._snapshots = Publisher(at(streams.SNAPSHOT), queue=LAST_QUEUE)
         self._link = LatestReceiver(at(streams.LINK), LinkHealth) if linked else None
         self._rejected = 0
         slow: tuple[LatestReceiver[LinkHealth], ...] = () if self._link is None else (self._link,)

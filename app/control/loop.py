@@ -127,7 +127,8 @@ class Control:
         at_ns, left = time.monotonic_ns(), unconfirmed is not None
         self._links.send_heartbeat(Heartbeat(at_ns=at_ns, enabled=False, last=True, unconfirmed=left))
         if self._snapshot is not None:  # what consoles show from now on
-            self._links.send_snapshot(replace(self._snapshot, at_ns=at_ns, enabled=left))
+            last = replace(self._snapshot, at_ns=at_ns, sequence=self._snapshot.sequence + 1, enabled=left)
+            self._links.send_snapshot(last)
         self._sink.emit(lateness_record(self._histogram))
         if self._recorder is not None and self._state is not None and self._snapshot is not None:
             self._recorder.close(self._state.streams, self._snapshot)

@@ -33,6 +33,9 @@ _ORDERED_QUEUE = 20_000  # messages; an audit burst of a second at ten thousand 
 _END_LINGER_MS = 500
 PEERS_PERIOD_S = 0.5  # foreign peers are told at most so often: a flood is one number
 _EVENTS_A_CALL = 64  # about 0.2 ms: a tick has 2
+# For the last message of a process that ends: the guardian and consoles must learn how.
+LAST_QUEUE = 64  # messages; more only wait for a process that stands still
+LAST_S = 0.1
 _monitors = count()
 
 

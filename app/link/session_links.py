@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from app.audit.sink import AuditSink
 from app.ipc import streams
-from app.ipc.links import LatestReceiver, OrderedReceiver, Publisher, address
+from app.ipc.links import LAST_QUEUE, LAST_S, LatestReceiver, OrderedReceiver, Publisher, address
 from app.ipc.messages import AuditHealth, LinkHealth, OperatorCommand, TriggerReport
 from app.ipc.snapshot import ControlSnapshot
 from app.ipc.states import Event
@@ -30,7 +30,7 @@ class SessionLinks:
         self._operator = OrderedReceiver(address(links, streams.OPERATOR.name), OperatorCommand)
         self._reports = LatestReceiver(address(links, streams.TRIGGER.name), TriggerReport)
         self._audits = LatestReceiver(address(links, streams.AUDIT_HEALTH.name), AuditHealth)
-        self._snapshots = Publisher(address(links, streams.SNAPSHOT.name))
+        self._snapshots = Publisher(address(links, streams.SNAPSHOT.name), queue=LAST_QUEUE)
         self._guardian = Publisher(address(links, streams.GUARDIAN.name))
         self._health = Publisher(address(links, streams.LINK.name))
         self._all = (self._operator, self._reports, self._audits, self._snapshots, self._guardian, self._health)
@@ -86,8 +86,9 @@ class SessionLinks:
     def close(self) -> None:
         """Release everything."""
         self._sink.close()
-        for link in self._all:
+        for link in (self._operator, self._reports, self._audits, self._guardian, self._health):
             link.close()
+        self._snapshots.close(linger_s=LAST_S)
 
 
 def _is_newer(one: ControlSnapshot, other: ControlSnapshot) -> bool:

@@ -254,6 +254,14 @@ def was_stalled(bed: Bed, now: ControlSnapshot, since_ns: int) -> bool:
     return bed.session.damped_since(since_ns) and any(one.event is Event.CONTROL_STALLED for one in now.events)
 
 
+def test_after_the_end_the_laptop_knows_that_the_drives_are_off(bed: Bed) -> None:
+    session = bed.session
+    session.stand()
+    session.until(lambda now: now.enabled, "power in the snapshot")
+    session.send(OperatorKind.SHUT_DOWN)
+    session.until(lambda now: not now.enabled, "control's last snapshot")
+
+
 def test_both_trails_prove_themselves_and_tell_of_the_link(bed: Bed) -> None:
     bed.session.close()
     session = bed.session.setup.session
