@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Sequence
 from enum import Enum, auto
-from typing import Any, cast
+from typing import Any, NoReturn, cast
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -30,8 +30,8 @@ class UsageFault(Enum):
     ONE_OF = auto()  # parameter, value, known, help
 
 
-def run(command: TyperCommand | TyperGroup, arguments: Sequence[str]) -> None:
-    """Run a command; its exit status becomes the program's. Raises AppError where the arguments are wrong."""
+def run(command: TyperCommand | TyperGroup, arguments: Sequence[str]) -> NoReturn:
+    """Run a command and end with its exit status. Raises AppError where the arguments are wrong."""
     try:
         status = command(arguments, standalone_mode=False)
     except typer.Abort:  # a question without an answer, or with no
@@ -43,8 +43,7 @@ def run(command: TyperCommand | TyperGroup, arguments: Sequence[str]) -> None:
             error.show()  # type: ignore[attr-defined]  # the help of a group that was called without a command
             raise SystemExit(error.exit_code) from None
         raise fault from error
-    if status:
-        raise SystemExit(status)
+    raise SystemExit(status or 0)
 
 
 def _fault_of(error: Any, command: TyperCommand | TyperGroup, arguments: Sequence[str]) -> AppError | None:
