@@ -180,6 +180,6 @@ async def test_why_a_calibration_does_not_begin_stays(console: Opener) -> None:
         await opened.shows("Enter begins")
         opened.type("measured", "far")
         await opened.press("enter")
-        await opened.shows("from 15 to 70")
+        await opened.shows("from 15 to 80")
         await opened.press("f3")
         await opened.shows(tr("calibration.distance", least_cm=NEAREST_CM, most_cm=FARTHEST_CM))

@@ -71,7 +71,7 @@ def test_no_bar_has_a_label_that_no_catalogue_has() -> None:
 def test_a_command_without_its_extra_ends_with_one_sentence(
     module: str, extra: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def command(_: list[str]) -> None:
+    def command(_: list[str], **_options: object) -> None:
         raise ModuleNotFoundError(name=module)
 
     monkeypatch.setattr("app.cli.tree.command", lambda _: command)
