@@ -39,8 +39,8 @@ def run(command: TyperCommand | TyperGroup, arguments: Sequence[str]) -> NoRetur
         raise SystemExit(1) from None
     except TyperException as error:
         fault = _fault_of(error, command, arguments)
-        if fault is None:
-            error.show()  # type: ignore[attr-defined]  # the help of a group that was called without a command
+        if fault is None:  # a group that was called without a command: what it says is its help
+            sys.stderr.write(error.format_message())
             raise SystemExit(error.exit_code) from None
         raise fault from error
     raise SystemExit(status or 0)
