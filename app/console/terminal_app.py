@@ -1,16 +1,22 @@
-"""The application at its terminal: driver, pixels, and its end: asked, by a signal, or with the terminal."""
+"""The application at its terminal: driver, pixels, and its end: asked, by a signal, or with the terminal.
+
+A signal, or the loss of the terminal, ends it within two seconds, whatever its threads wait for. The session stays,
+held, for the console that takes it over (`app/session/supervise.py`).
+"""
 
 from __future__ import annotations
 
 import asyncio
 import os
+import signal
+import threading
+import time
 from collections.abc import Callable
 from contextlib import suppress
 
 from textual.driver import Driver
 from textual.drivers.linux_driver import LinuxDriver
 
-from app.console.ending import Ending
 from app.console.live import Clock, HostFactory
 from app.console.pixels import PixelTerminal, asks
 from app.console.screens.base import ConsoleScreen, Dialog
@@ -21,7 +27,11 @@ from app.console.widgets.picture import Picture
 from app.system.config import Config
 from app.system.operators import needs_sign_in
 from app.system.paths import Home
+from app.system.scheduling import set_scheduling
 from app.text.catalogue import tr
+
+ORDERLY_S = 0.5  # with 0.4 s for the terminal's restoring, and a busy machine's delays, below two seconds
+ENDING_SIGNALS = (signal.SIGTERM, signal.SIGHUP, signal.SIGINT)  # Ctrl-C is a key: the terminal sends no signal for it
 
 
 class TerminalApp(SessionFlow):
@@ -125,3 +135,39 @@ class TerminalApp(SessionFlow):
         self._discard_all()
         await asyncio.to_thread(self.close_live)
         self.exit()
+
+
+class Ending:
+    """Ends the process in three steps: the heartbeat, the program's own end, and by force where that takes too long."""
+
+    def __init__(
+        self, lose_console: Callable[[], object], ask: Callable[[], object], restore: Callable[[], object]
+    ) -> None:
+        """lose_console: end the heartbeat; ask: end in order; restore: the terminal. None of them may block."""
+        self._lose_console = lose_console
+        self._ask = ask
+        self._restore = restore
+        self._begun = False
+
+    def on_signals(self) -> None:
+        """Begin on these signals. From the main thread; works while the event loop is stuck."""
+        for number in ENDING_SIGNALS:
+            signal.signal(number, lambda number, _: self.begin(128 + number))
+
+    def begin(self, status: int = 128 + signal.SIGHUP) -> None:
+        """Begin to end; status: the process's, where it does not end by itself. From any thread, or a handler."""
+        if not self._begun:
+            self._begun = True
+            threading.Thread(target=self._run, args=(status,), name="ending", daemon=True).start()
+
+    def _run(self, status: int) -> None:
+        limit_s = time.monotonic() + ORDERLY_S
+        set_scheduling("heartbeat")  # whatever else keeps the cores
+        with suppress(Exception):  # whatever fails, the process ends
+            self._lose_console()
+        with suppress(RuntimeError):  # the event loop is closed
+            self._ask()
+        time.sleep(max(0.0, limit_s - time.monotonic()))
+        with suppress(Exception):
+            self._restore()
+        os._exit(status)

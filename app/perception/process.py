@@ -20,9 +20,8 @@ from app.ipc.states import Event
 from app.perception import pipeline as assembly
 from app.perception.camera import CameraSupervisor, ImageCheck, PerceptionNote, move_hand
 from app.perception.frames import DecisionRecorder, button_record
-from app.perception.pictures import PictureRecorder
 from app.perception.pipeline import Loading
-from app.perception.recorder import ReportRecorder
+from app.perception.recording import PictureRecorder, ReportRecorder
 from app.perception.reporting import (
     FPS_WINDOW,
     MeasuredRate,

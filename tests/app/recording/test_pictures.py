@@ -17,7 +17,7 @@ from app.cli import cli
 from app.ipc.links import OrderedReceiver, address, new_link_directory
 from app.ipc.recording import Picture
 from app.ipc.streams import PICTURES
-from app.perception.pictures import WIDTH_PX, PictureRecorder, encode
+from app.perception.recording import WIDTH_PX, PictureRecorder, encode
 from app.recording import read, schemas
 from app.recording.pictures import MOST_BEHIND, PicturesFile
 from app.recording.read import RecordingReadFault, find_recording, messages, survey

@@ -1,6 +1,6 @@
-"""The camera's pictures for the recording, with the patient's consent: made smaller and encoded in a thread of its own.
+"""What perception hands to the recording: each frame's report once, and with the patient's consent its pictures.
 
-Perception hands a frame over and goes on: what comes while the thread is busy, or
+Perception hands a picture over and goes on: a thread makes it smaller and encodes it. What comes while that is busy, or
 the queue is full, is lost and counted.
 """
 
@@ -14,13 +14,20 @@ from typing import Any
 
 import cv2
 import numpy as np
+from msgspec.structs import replace
 from numpy.typing import NDArray
 
+from app.ipc.messages import TriggerReport
 from app.ipc.recording import Picture
-from app.ipc.streams import PICTURES, LinkDirectory
+from app.ipc.streams import PICTURES, RECORDING, LinkDirectory
+from app.perception.reporting import hand_frame
+from app.recording.schemas import HAND_TOPICS
 from app.recording.sink import RecordingSink
 from app.system.scheduling import set_scheduling
 from hal.cameras.camera import DepthArray, Frame, ImageArray
+from kgdfa.button_state import STALE_NS
+from kgdfa.pipeline import Report
+from logs.records import RecordingSent
 
 RATE_HZ = 10.0
 WIDTH_PX = 640
@@ -28,6 +35,35 @@ JPEG_QUALITY = 75
 QUEUE = 20  # pictures: 2 s
 END_S = 0.5
 _PERIOD_NS = int(1e9 / RATE_HZ)
+
+
+class ReportRecorder:
+    """Numbers what it hands over by itself, without gaps: the recording counts by it what was lost."""
+
+    def __init__(self, links: LinkDirectory) -> None:
+        self._sink = RecordingSink(links, RECORDING)
+        self._number = 0
+        self._captured_ns = 0  # of the newest frame
+        self._paused = False
+
+    def take(self, message: TriggerReport, report: Report | None) -> None:
+        """One sent report. Between two frames only the first without a hand is new; it has its own time, no capture."""
+        if message.captured_ns != self._captured_ns:
+            self._captured_ns, self._paused = message.captured_ns, report is None
+        elif report is not None or self._paused:
+            return
+        else:
+            self._paused = True
+            # Not later than the button counts a pause: the next frame may be captured before this report is sent.
+            stale_ns = self._captured_ns + STALE_NS if self._captured_ns else message.sent_ns
+            message = replace(message, captured_ns=0, sent_ns=min(message.sent_ns, stale_ns))
+        self._number += 1
+        self._sink.send(hand_frame(replace(message, sequence=self._number), report, self._sink.lost))
+
+    def close(self) -> RecordingSent:
+        """Let what is queued leave; how much was made, lost included."""
+        self._sink.close()
+        return RecordingSent(messages=dict.fromkeys(HAND_TOPICS, self._number))
 
 
 class PictureRecorder:

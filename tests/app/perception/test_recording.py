@@ -12,7 +12,7 @@ from app.ipc.links import OrderedReceiver, address, new_link_directory
 from app.ipc.messages import TriggerReport
 from app.ipc.recording import HandFrame, Recorded, TickBatch
 from app.ipc.streams import RECORDING
-from app.perception.recorder import ReportRecorder
+from app.perception.recording import ReportRecorder
 from app.recording.schemas import BUTTON, HAND_TOPICS
 from app.recording.topics import of_hand
 from kgdfa.button_state import STALE_NS, ButtonState
