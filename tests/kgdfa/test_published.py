@@ -55,6 +55,7 @@ def holds(measures: Measures, row: Row) -> bool:
 
 @pytest.mark.parametrize("gesture", list(Gesture))
 def test_every_row_accepts_its_own_drawn_hand(gesture: Gesture) -> None:
+    assert gesture in STATES, "its fingers: STATES in tests/kgdfa/hands.py"
     verdict = RULES.classify(drawn_hand(STATES[gesture]))
     assert verdict.gesture is gesture
     assert verdict.confidence >= 0.5
