@@ -159,7 +159,7 @@ def _read(file: Path) -> gettext.GNUTranslations:
 
 def _missing(key: str, values: dict[str, object]) -> str:
     if _State.strict:
-        raise MissingTextError(f"{key} {values} in {_State.language}")
+        raise MissingTextError(f"no text for {key} {values} in app/text/locales/{_State.language}")
     return " ".join([key, *(f"{name}={_text(value)}" for name, value in values.items())])
 
 

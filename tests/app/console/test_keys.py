@@ -80,8 +80,11 @@ def test_the_keys_that_screens_bind_themselves_are_those_that_nobody_else_may_ha
     for module in pkgutil.iter_modules(screens.__path__):
         import_module(f"{screens.__name__}.{module.name}")
     of_screens = {key for kind in (ConsoleScreen, Dialog) for screen in _kinds(kind) for key in _bound_by(screen)}
-    assert of_screens == keys.OF_SCREENS
-    assert {key for screen in _kinds(HandKeys) for key in _bound_by(screen)} == keys.BESIDE_HAND
+    assert of_screens == keys.OF_SCREENS, (
+        "OF_SCREENS in app/console/keys.py; a gesture's key is the actions' dialog's, too"
+    )
+    beside_hand = {key for screen in _kinds(HandKeys) for key in _bound_by(screen)}
+    assert beside_hand == keys.BESIDE_HAND, "BESIDE_HAND in app/console/keys.py"
 
 
 def _kinds(kind: type[Screen[Any]]) -> Iterator[type[Screen[Any]]]:

@@ -60,7 +60,7 @@ def test_every_row_of_the_tables_is_there(code: str) -> None:
     wanted += [key_of(one) for one in asked_in_the_console]
     guide = {name.removeprefix("guide.") for name in text if name.startswith("guide.")}
     wanted += [f"watch.{name}" for name in guide]
-    assert [name for name in wanted if name not in text] == []
+    assert [name for name in wanted if name not in text] == [], f"texts of app/text/locales/{code}"
 
 
 ROOMS = ("app", "hal", "kgdfa", "logs", "profiles")
@@ -104,13 +104,16 @@ def test_an_enum_that_has_text_has_it_for_each_member_and_no_other() -> None:
     members = enum_members()
     wording = {tuple(key.split(".")) for key in entries("en") if re.fullmatch(r"[A-Z]\w+\.[A-Z0-9_]+", key)}
     worded = {kind: {member for of, member in wording if of == kind} for kind, _ in wording if kind in members}
-    assert worded == {kind: members[kind] | FORMER.get(kind, set()) for kind in worded}
+    wanted = {kind: members[kind] | FORMER.get(kind, set()) for kind in worded}
+    assert worded == wanted, "in each catalogue of app/text/locales"
 
 
 def test_every_literal_key_is_there() -> None:
-    asked = {key for source in SOURCES for key in re.findall(r'\btr\(\s*"([A-Za-z0-9_.-]+)"', source)}
-    assert asked
-    assert asked - set(entries("en")) == set()
+    product = "\n".join(SOURCES)
+    asked = set(re.findall(r'\btr\(\s*"([A-Za-z0-9_.-]+)"', product)) | set(re.findall(r'"(bind\.[\w.]+)"', product))
+    asked |= {f"help.{page}" for page in re.findall(r'HELP_PAGE = "(\w+)"', product)}
+    assert {"bind.cancel", "help.health", "machine.waiting"} <= asked
+    assert asked - set(entries("en")) == set(), "texts of app/text/locales"
 
 
 # Keys whose last part is put together too: `evaluate.plot.paper_3`.

@@ -99,7 +99,7 @@ def test_every_state_and_every_screen_has_its_row() -> None:
     assert set(STATES) == set(GaitState)
     rows: list[AnyScreen] = [*OVER_A_SESSION, *BESIDE_A_SESSION, *OVER_DRIVES, *NOTHING_TO_STOP, SessionScreen]
     assert len(rows) == len(set(rows))
-    assert set(rows) == set(screens())
+    assert set(rows) == set(screens()), "a row for each screen in one of the tables of this file"
 
 
 @walked_again
