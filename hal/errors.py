@@ -125,6 +125,7 @@ class CanFault(Enum):
     BUS_IN_USE = auto()
     BUS_NOT_FREE = auto()  # bus, frames
     LOG_UNREADABLE = auto()
+    LOG_WITHOUT_FRAMES = auto()  # path
     LOG_UNWRITABLE = auto()
     LOG_DISK_LOW = auto()
     LOG_PAUSED = auto()  # bus, detail

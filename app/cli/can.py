@@ -26,7 +26,7 @@ from app.system.legs_lock import claim_buses
 from app.system.operators import Permission
 from app.system.paths import find_home
 from app.text.catalogue import render, tr
-from hal.errors import DeviceFault, HardwareError
+from hal.errors import CanFault, DeviceFault, HardwareError
 from hal.joints.can.bus import open_bus
 from hal.joints.can.candump import LogDecoder, LogSummary, messages_of, open_log
 from hal.joints.can.recorder import BusRecorder
@@ -170,6 +170,8 @@ def decode(
             totals.add(decoded)
             if not summary and (wanted is None or decoded.joint is wanted):
                 sys.stdout.write(f"{decoded_line(decoded)}\n")
+    if not totals.counts:
+        raise HardwareError(CanFault.LOG_WITHOUT_FRAMES, path=file)
     Console(stderr=not summary).print(summary_table(totals), soft_wrap=True)
 
 

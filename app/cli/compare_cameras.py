@@ -18,12 +18,13 @@ from app.evaluate.harness import decorate, figure, write_whole
 from app.ipc.streams import LinkDirectory
 from app.perception.camera_names import parse_camera, refuse_same_device
 from app.perception.comparison import SHORTENED, SHOWN, Comparison
-from app.perception.look import CameraSample, Looker
+from app.perception.look import CameraSample, Looker, LookFault
 from app.system.config import CameraConfig, Config, SessionSetup, load_config
 from app.system.errors import AppError
 from app.system.hand_model import set_up_model
 from app.system.paths import Home
 from app.text.catalogue import render, tr
+from hal.errors import CameraFault, HardwareError
 from logs.reason import Reason
 from profiles.schema import DistanceUsed, Profile
 
@@ -58,9 +59,11 @@ def compare_cameras(
         lookers.append(Looker(setups[0], niceness=0))
         if alone_s:
             alone = Comparison(threshold_m=patient.press_threshold_m)
+            _wait_for_frames(alone, lookers, sources)
             _run(alone, lookers, alone_s, lambda: None)
             console.print(tr("compare.alone", camera=sources[0], fps=alone.total(0).fps))
         lookers.append(Looker(setups[1]))
+        _wait_for_frames(comparison, lookers, sources)
         try:
             with Live(console=console, auto_refresh=False) as live:
                 _run(comparison, lookers, seconds, lambda: live.update(comparison_table(comparison), refresh=True))
@@ -89,16 +92,28 @@ def _setup(home: Home, config: Config, camera: CameraConfig, used: DistanceUsed,
     )
 
 
+def _wait_for_frames(comparison: Comparison, lookers: list[Looker], sources: tuple[str, str]) -> None:
+    """Until every camera has given a frame. Raises AppError, HardwareError for one that can't, or not in time."""
+    ready_s = time.monotonic() + READY_S
+    while True:
+        _receive(comparison, lookers, counted=False)
+        waiting = [which for which in range(len(lookers)) if comparison.newest[which] is None]
+        for which in waiting:
+            if (why := comparison.faults[which]) is not None:
+                raise AppError(LookFault.NO_FRAME, camera=sources[which], why=why)
+        if not waiting:
+            return
+        if time.monotonic() > ready_s:
+            raise HardwareError(CameraFault.NO_FIRST_FRAME, camera=sources[waiting[0]], limit_s=READY_S)
+        time.sleep(POLL_S)
+
+
 def _run(comparison: Comparison, lookers: list[Looker], seconds: float, shown: Callable[[], None]) -> None:
-    """Take samples until the time is over that begins when every camera has given one, or until one has ended."""
-    begun_s, ready_s = 0.0, time.monotonic() + READY_S
+    """Take samples for so long, or until a camera has ended."""
+    until_s = time.monotonic() + seconds
     try:
-        while not begun_s or time.monotonic() - begun_s < seconds:
-            _receive(comparison, lookers, counted=bool(begun_s))
-            if not begun_s and all(comparison.newest[which] for which in range(len(lookers))):
-                begun_s = time.monotonic()
-            if not begun_s and time.monotonic() > ready_s:
-                return
+        while time.monotonic() < until_s:
+            _receive(comparison, lookers, counted=True)
             comparison.ruler_m = _typed(comparison.ruler_m)
             shown()
             if any(looker.ended for looker in lookers):

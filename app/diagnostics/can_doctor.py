@@ -114,10 +114,10 @@ def read_link(channel: str) -> dict[str, Any] | None:
     if program is None:
         return None
     command = [program, "-details", "-statistics", "-json", "link", "show", channel]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=5)
+    done = subprocess.run(command, capture_output=True, check=False, timeout=5)
     try:
-        links = json.loads(done.stdout or "[]")
-    except json.JSONDecodeError:
+        links = json.loads(done.stdout or b"[]")
+    except ValueError:
         return {}
     return links[0] if links else {}
 

@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from app.text.catalogue import render, tr
-from logs.reason import Reason, reason
+from logs.reason import Reason, reason, sanitize_terminal
 
 
 class Grade(Enum):
@@ -56,10 +56,14 @@ def show(console: Console, findings: Iterable[Finding]) -> bool:
     well = True
     for finding in findings:
         mark, colour = _MARKS[finding.grade]
-        subject = finding.subject if isinstance(finding.subject, str) else tr(finding.subject)
+        subject = sanitize_terminal(finding.subject if isinstance(finding.subject, str) else tr(finding.subject))
         subject += " " * (_SUBJECT_CELLS - cell_len(subject))
-        console.print(f"[{colour}]{mark}[/] {subject} {escape(render(finding.what))}", soft_wrap=True)
+        console.print(f"[{colour}]{mark}[/] {escape(f'{subject} {_text(finding.what)}')}", soft_wrap=True)
         if finding.remedy is not None:
-            console.print(f"  {'':<{_SUBJECT_CELLS}} → {escape(render(finding.remedy))}", soft_wrap=True)
+            console.print(f"  {'':<{_SUBJECT_CELLS}} → {escape(_text(finding.remedy))}", soft_wrap=True)
         well = well and finding.grade is not Grade.BAD
     return well
+
+
+def _text(what: Reason) -> str:
+    return sanitize_terminal(render(what))

@@ -43,6 +43,7 @@ class LookFault(Enum):
 
     SAME_DEVICE = auto()  # first, second
     RATE_OUT_OF_RANGE = auto()  # rate_hz, least_hz, most_hz
+    NO_FRAME = auto()  # camera, why
     DIED = auto()
     NOT_KEPT = auto()  # path, detail
 

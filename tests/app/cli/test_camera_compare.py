@@ -11,7 +11,8 @@ from typer.testing import CliRunner
 from app.cli import cli
 from app.cli.tree import command
 from app.perception.comparison import Comparison
-from app.perception.look import CameraSample
+from app.perception.look import CameraSample, LookFault
+from app.system.errors import AppError
 from hal.errors import CameraFault, RecordingFault
 from logs.reason import Reason, reason
 from tests.app.evaluate.test_closed_stdout import FullStdout
@@ -71,6 +72,29 @@ def test_a_recording_that_ends_is_no_fault(
     monkeypatch.setattr("app.cli.camera.compare_cameras", lambda *_, **__: compared(*faults))
     found = CliRunner().invoke(cli, ["camera", "compare", "a.mp4", "b.mp4", "--home", str(tmp_path)])
     assert found.exit_code == status, found.output
+
+
+class AbsentLooker(FilmLooker):
+    """One of a camera that is not there: it is tried again and again, and gives nothing."""
+
+    ended = False
+
+    def receive(self) -> list[Reason]:  # type: ignore[override]
+        return [UNPLUGGED]
+
+
+def test_a_camera_that_gives_no_first_frame_is_refused_with_its_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "hand.task").touch()  # it is not come to
+    (tmp_path / "config.toml").write_text(f'model = "{tmp_path / "hand.task"}"\n')
+    monkeypatch.setattr("app.cli.compare_cameras.Looker", AbsentLooker)
+    monkeypatch.setattr("app.cli.compare_cameras.READY_S", 3600.0)
+    arguments = ["camera", "compare", "digital-hand", "digital-hand", "--home", str(tmp_path)]
+    with pytest.raises(AppError) as refused:
+        command().main(arguments, standalone_mode=False)
+    assert refused.value.code is LookFault.NO_FRAME
+    assert refused.value.values == {"camera": "digital-hand", "why": UNPLUGGED}
 
 
 def test_a_full_stdout_costs_neither_table_nor_plot(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

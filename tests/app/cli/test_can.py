@@ -152,6 +152,14 @@ def test_a_recorded_bus_is_unpacked_whatever_the_case_of_its_ending(tmp_path: Pa
     assert "left hip" in decoded[0]
 
 
+@pytest.mark.parametrize("content", ["", "no frame\n", "(1731.000001) can0 001#7FFF"])
+def test_a_file_without_a_frame_is_refused(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "a.log"
+    path.write_text(content)
+    with refused(CanFault.LOG_WITHOUT_FRAMES, path=path):
+        CliRunner().invoke(cli, ["decode", str(path)], catch_exceptions=False)
+
+
 def test_the_name_of_a_recorded_bus_is_no_markup(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
     port = str(random.SystemRandom().randrange(20_000, 60_000))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import shutil
 from pathlib import Path
 from typing import Any
@@ -9,11 +10,12 @@ from typing import Any
 import can
 import msgspec
 import pytest
+from rich.console import Console
 
 from app.diagnostics import can_doctor
 from app.diagnostics.can_doctor import CanFinding as F
 from app.diagnostics.can_doctor import CanRemedy, evaluate_drives, evaluate_link, examine
-from app.diagnostics.findings import Finding, Grade
+from app.diagnostics.findings import Finding, Grade, show
 from app.text.catalogue import render
 from hal.joints.can.bus import with_bus
 from hal.joints.can.scan import FoundDrive, ScanReply
@@ -163,6 +165,25 @@ def test_a_missing_interface_is_reported_and_nothing_else_is_tried() -> None:
     device = with_bus(DEVICE, "socketcan", "can77")
     findings = list(examine(device, None))
     assert [finding.grade for finding in findings] == [Grade.BAD]
+
+
+def test_an_interface_whose_name_is_no_utf8_is_missing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The program names it in its error as it is."""
+    program = tmp_path / "ip"
+    program.write_text("#!/bin/sh\nprintf 'Device \"a\\377\" does not exist.' >&2\nexit 1\n")
+    program.chmod(0o755)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    (finding,) = examine(with_bus(DEVICE, "socketcan", "a\udcff"), None)
+    assert finding.what == reason(F.NO_INTERFACE)
+
+
+@pytest.mark.parametrize(("name", "shown"), [("a\udcff", "a\\udcff"), ("[/]a", "[/]a"), ("a\x1b[1m", "a\\x1b[1m")])
+def test_the_name_of_an_interface_is_shown_safely(name: str, shown: str) -> None:
+    screen = io.TextIOWrapper(io.BytesIO(), encoding="utf-8")
+    bus = BusDevice(channel=name)
+    assert not show(Console(file=screen), evaluate_link({}, bus))
+    screen.seek(0)
+    assert screen.read().count(shown) == 2  # the interface, and the command that brings it up
 
 
 def test_without_the_program_ip_the_bus_is_examined_all_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
