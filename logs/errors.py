@@ -13,6 +13,7 @@ class AuditFault(Enum):
     TRAIL_UNREADABLE = auto()  # path, detail
     TRAIL_MISSING = auto()  # path
     TRAIL_EMPTY = auto()  # path
+    LINE_TOO_LONG = auto()  # path, limit_mb
     TRAILS_NOT_JOINED = auto()  # first, second
     TRAILS_CONTRADICT = auto()  # first, second, why
     SITE_TWICE = auto()  # site

@@ -48,6 +48,7 @@ _ENVELOPE = {
     "operator": "VARCHAR",
     "schema": "BIGINT",
 }
+_LONGEST_LINE = 16 << 20  # bytes; DuckDB passes over longer lines than MAX_LINE, and gives up beyond this
 SEAL = SEAL_LENGTH - 1  # characters behind the hashed text, which lacks its last brace; without the line end
 _NAMES = ("sign-in", "sign-out", "sign-in-failed", "operator-changed")  # kinds whose body names operators
 # The columns of the table; what lacks one is none that `export` wrote.
@@ -110,12 +111,19 @@ def export(paths: Sequence[Path], output: Path, *, drop_operators: bool) -> int:
 
 
 def lines_of(paths: Sequence[Path]) -> dict[str, int]:
-    """How many lines each trail holds; of Parquet none are counted. Raises AuditError."""
-    counts: dict[str, int] = {}
-    for path in _trails(paths):
-        with open_regular(path) as file:
-            counts[str(path)] = sum(1 for line in iter(partial(file.readline, MAX_LINE), b"") if line.strip())
-    return counts
+    """How many lines each trail holds; of Parquet none are counted. Raises AuditError, also for too long a line."""
+    return {str(path): _count_lines(path) for path in _trails(paths)}
+
+
+def _count_lines(path: Path) -> int:
+    count = length = 0
+    with open_regular(path) as file:
+        for part in iter(partial(file.readline, MAX_LINE), b""):
+            count += not length and bool(part.strip())
+            length = 0 if part.endswith(b"\n") else length + len(part)
+            if length > _LONGEST_LINE:
+                raise AuditError(AuditFault.LINE_TOO_LONG, path=path, limit_mb=_LONGEST_LINE >> 20)
+    return count
 
 
 def omitted_lines(connection: duckdb.DuckDBPyConnection, lines: dict[str, int]) -> dict[str, int]:

@@ -57,11 +57,13 @@ def result_text(result: GuidedTestResult) -> str:
 
 
 def _named(field: str, value: object) -> object:
-    members = _ENUMERATIONS.get(field, ())
-    named = next((each for each in members if value in (each.value, each.name.lower())), None)
-    if named is not None:
-        return named if knows(key_of(named)) else value
+    if field in _ENUMERATIONS:
+        members = _ENUMERATIONS[field]
+        named = next((each for each in members if value in (each.value, each.name.lower())), None)
+        if named is not None:
+            return named if knows(key_of(named)) else value
+    if field not in _CLASSES:
+        return value
     member = str(value).upper().replace(" ", "_").replace("-", "_")
-    keys = [f"{kind}.{member}" for kind in _CLASSES.get(field, ())]
-    keys += [f"recorded.{value}"] if keys else []  # a demonstration: no role
+    keys = [*(f"{kind}.{member}" for kind in _CLASSES[field]), f"recorded.{value}"]  # a demonstration: no role
     return next((Reason(key) for key in keys if knows(key)), value)

@@ -250,6 +250,23 @@ def test_a_line_that_does_not_match_its_hash_becomes_no_row(tmp_path: Path) -> N
     assert omitted_lines(connect([path]), lines) == {str(path): 1}
 
 
+def test_a_damaged_line_is_left_out_whole_and_one_too_long_for_the_engine_names_its_file(tmp_path: Path) -> None:
+    path = write_sample(tmp_path, minutes=1)
+    whole = len(records(path))
+    with path.open("ab") as file:
+        file.write(b"x" * (15 << 20) + b"\n")
+    lines = lines_of([path])
+    connection = connect([path.parent])
+    assert rows(ask(connection, COUNT)) == [{"n": whole}]
+    assert omitted_lines(connection, lines) == {str(path): 1}
+    with path.open("ab") as file:
+        file.write(b"x" * (70 << 20) + b"\n")
+    with pytest.raises(AuditError) as raised:
+        lines_of([path.parent])
+    assert raised.value.code is AuditFault.LINE_TOO_LONG
+    assert raised.value.values["path"] == path
+
+
 @pytest.mark.parametrize("sql", ["SELECT nonsense FROM records", "SELEC 1", "DROP TABLE nothing", "SELECT \udcff"])
 def test_a_bad_question_is_refused(logs: Path, sql: str) -> None:
     connection = connect([logs])
