@@ -60,6 +60,7 @@ class FakeHost:
     pressed: bool = False
     events: tuple[ActiveEvent, ...] = ()
     camera_fault: Reason | None = None
+    audit_fault: Reason | None = None
     press_zone: PressZone | None = None
     message: TriggerReport | None = None  # that perception sends; None: as the other fields have it
     walked: dict[str, Any] = field(default_factory=dict)  # fields of control's snapshot: steps, distance, reports
@@ -135,7 +136,7 @@ class FakeHost:
             snapshot=self._snapshot(now_ns),
             report=self._report(now_ns),
             preview=self.picture,
-            audit=AuditHealth(at_ns=now_ns, written=1, waiting=0),
+            audit=AuditHealth(at_ns=now_ns, written=1, waiting=0, fault=self.audit_fault),
             processes=self._processes(),
             guardian=guardian,
         )

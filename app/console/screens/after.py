@@ -71,6 +71,7 @@ class AfterScreen(ConsoleScreen):
         target = profile.dose.steps
         steps = round(target * GROWTH) if self._record.steps >= target else target
         yield Label(tr("after.title", name=profile.identifier), id="title")
+        yield Static(id="unwritten", classes="error", markup=False)
         with VerticalScroll(id="after"):
             yield Static(self._figures(profile), markup=False)
             for name, _, ratings in RATINGS:
@@ -89,6 +90,14 @@ class AfterScreen(ConsoleScreen):
     def on_mount(self) -> None:
         # No text field: the yes of a question that did not come is no note. What was done stays in sight.
         self.query_one(f"#{RATINGS[0][0]}").focus(scroll_visible=False)
+
+    def show_session(self, state: SessionState | None) -> None:
+        super().show_session(state)
+        fault = state.audit.fault if state is not None and state.audit is not None else None
+        text, shown = tr("after.unwritten", why=fault) if fault else "", self.query_one("#unwritten", Static)
+        shown.display = bool(fault)
+        if shown.content != text:
+            shown.update(text)
 
     async def on_button_pressed(self) -> None:
         await self.action_save()

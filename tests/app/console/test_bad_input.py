@@ -15,8 +15,10 @@ from app.console.screens.patients import PatientsScreen
 from app.console.session_index import Records, SessionRecord
 from app.system.errors import AppError
 from app.system.paths import Home
-from app.text.catalogue import render
+from app.text.catalogue import render, tr
+from logs.reason import reason
 from logs.records import Body, Note
+from logs.trail import DiskFault
 from profiles.schema import DEMO_PATIENT
 from profiles.store import ProfileStore
 from testing.authors import Named
@@ -283,6 +285,19 @@ async def test_a_terminal_that_is_closed_after_a_session_keeps_the_note(console:
         open_console.type("note", "tired")
         await open_console.app._leave_now()
         assert [record.note for record in open_console.app.sessions.of("demo")] == ["tired"]
+
+
+async def test_a_trail_that_can_not_be_written_is_told_before_its_session_is_left(console: Opener) -> None:
+    fault = reason(DiskFault.NOT_WRITTEN, path="/logs/s.jsonl", detail="No space left on device", waiting=7)
+    async with console() as open_console:
+        open_console.host.audit_fault = fault
+        await open_console.press("e")
+        await open_console.shows("After the session with demo")
+        told = open_console.app.screen.query_one("#unwritten", Static)
+        await open_console.until(lambda: told.content == tr("after.unwritten", why=fault))
+        assert told.display
+        open_console.host.audit_fault = None
+        await open_console.until(lambda: not told.display)
 
 
 async def test_the_yes_of_a_question_that_did_not_come_is_no_note(console: Opener) -> None:
