@@ -46,7 +46,8 @@ def main() -> None:
     except OSError as error:  # a full disk, a folder without permission
         from app.cli.common import CliFault
 
-        _refuse(AppError(CliFault.SYSTEM, detail=cause_of(error)))
+        where = "" if error.filename is None else f"{error.filename}: "
+        _refuse(AppError(CliFault.SYSTEM, detail=f"{where}{cause_of(error)}"))
     except ModuleNotFoundError as error:
         extra = EXTRAS.get((error.name or "").partition(".")[0])
         if extra is None:

@@ -37,6 +37,8 @@ def launch(setup: SessionSetup, entry: str, without: frozenset[str]) -> Peer:
     take_lease(setup.links)
     output = output_of(setup, "session")
     output.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    # Not by a file action: its error would name the interpreter.
+    printed = os.open(output, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
     reads, writes = os.pipe()
     try:
         pid = os.posix_spawn(
@@ -45,8 +47,8 @@ def launch(setup: SessionSetup, entry: str, without: frozenset[str]) -> Peer:
             os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
             file_actions=[
                 (os.POSIX_SPAWN_DUP2, reads, 0),
-                (os.POSIX_SPAWN_OPEN, 1, str(output), os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600),
-                (os.POSIX_SPAWN_DUP2, 1, 2),
+                (os.POSIX_SPAWN_DUP2, printed, 1),
+                (os.POSIX_SPAWN_DUP2, printed, 2),
             ],
             setsid=True,
         )
@@ -55,6 +57,7 @@ def launch(setup: SessionSetup, entry: str, without: frozenset[str]) -> Peer:
         raise
     finally:
         os.close(reads)
+        os.close(printed)
     host = Peer(pid)
     with os.fdopen(writes, "wb") as pipe, suppress(BrokenPipeError):
         pipe.write(encode(start))

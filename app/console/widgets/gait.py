@@ -61,7 +61,8 @@ def gait_lines(state: SessionState, width: int, height: int) -> Lines:
     """The map where there is room for it, else a signpost: the place, and the ways that are lit."""
     snapshot = state.snapshot
     if snapshot is None:
-        return (plain(state.fault or tr("machine.waiting"), "bold $error" if state.fault else "$foreground-muted"),)
+        style = "bold $error" if state.fault else "$foreground-muted"
+        return tuple(plain(part, style) for part in wrapped(state.fault or tr("machine.waiting"), width))[:height]
     if not state.snapshot_fresh:
         silent = (plain(f" {part}", "bold $error") for part in wrapped(tr("machine.silent"), width - 1))
         return (_here(snapshot, width), *silent)[:height]

@@ -8,7 +8,7 @@ import msgspec
 import pytest
 from textual.app import App, ComposeResult
 
-from app.console.widgets.gait import DARK, LEADS_TO, LIT, RUNNING, GaitPanel, gait_map, signpost
+from app.console.widgets.gait import DARK, LEADS_TO, LIT, RUNNING, GaitPanel, gait_lines, gait_map, signpost
 from app.console.widgets.panel import cells
 from app.control.gait.table import TABLE
 from app.ipc.snapshot import ControlSnapshot
@@ -48,6 +48,14 @@ def test_the_map_has_every_place_once_and_lights_what_is_allowed(language: str, 
     for action in in_state(state).allowed:
         assert f" {tr(GESTURE_OF[action])}" in lit, "_LEFT and _RIGHT in app/console/widgets/gait.py"
     assert all(cells(text_of((line,))) <= 110 for line in lines)
+
+
+def test_why_a_session_did_not_start_is_shown_whole() -> None:
+    """A path may be longer than the panel is wide."""
+    fault = f"The session's process did not start. See its log in /{'long/' * 20}diagnostics, then start again."
+    lines = gait_lines(dataclasses.replace(folded(), snapshot=None, fault=fault), 40, 20)
+    assert all(cells(text_of((line,))) <= 40 for line in lines)
+    assert "".join(text_of(lines).split()) == "".join(fault.split())
 
 
 def test_closed_ways_are_thin_and_open_ones_heavy() -> None:

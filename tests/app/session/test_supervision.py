@@ -318,3 +318,12 @@ def test_a_session_whose_process_can_not_be_started_leaves_nothing_open(
         launch(setup, "app.session.child:run_process", frozenset())
     assert set(Path("/proc/self/fd").iterdir()) == before
     shutil.rmtree(setup.links.path)
+
+
+def test_a_disk_that_can_not_be_written_is_named_and_not_the_interpreter(tmp_path: Path) -> None:
+    setup = make_setup(Home(tmp_path), Config(), DEMO_PATIENT, None)
+    output_of(setup, "session").mkdir(parents=True)
+    with pytest.raises(IsADirectoryError) as refused:
+        launch(setup, "app.session.child:run_process", frozenset())
+    assert refused.value.filename == str(output_of(setup, "session"))
+    shutil.rmtree(setup.links.path)
