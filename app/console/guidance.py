@@ -175,10 +175,15 @@ def legs_of(now: ControlSnapshot) -> str:
 
     Joints that have power and no command yet bear as little as damped ones.
     """
-    damped, unpowered = now.effect is Effect.DAMP or now.damped, now.state is GaitState.UNPOWERED
+    damped, unpowered = may_switch_off(now), now.state is GaitState.UNPOWERED
     if not now.enabled and (damped or unpowered):
         return "off"
     return "damped" if damped or unpowered else "held"
+
+
+def may_switch_off(now: ControlSnapshot) -> bool:
+    """Whether control carries out torque off: never while the legs are stiff, nor before a damping."""
+    return now.effect is Effect.DAMP or now.damped
 
 
 def slack(now: ControlSnapshot | None) -> bool:

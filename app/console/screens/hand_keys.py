@@ -8,13 +8,13 @@ from functools import partial
 from textual import on
 
 from app.console import keys
+from app.console.guidance import may_switch_off
 from app.console.screens.base import ConsoleScreen
 from app.console.screens.dialogs import ask
 from app.console.state import SessionState
 from app.console.widgets.picture import Picture
 from app.ipc.messages import HandCommand, HandPose, OperatorKind, TriggerReport
 from app.ipc.snapshot import ActiveEvent
-from app.ipc.states import Effect
 from app.text.catalogue import render, tr
 from kgdfa.gesture import Gesture
 
@@ -94,7 +94,7 @@ class HandKeys(ConsoleScreen):
         app = self.console_app
         state = app.live_state()
         snapshot = None if state is None else state.snapshot
-        if snapshot is None or not (snapshot.effect is Effect.DAMP or snapshot.damped):
+        if snapshot is None or not may_switch_off(snapshot):
             app.notify(tr("torque_off.only_damped"), severity="warning")
             return
         text = "torque_off.text" if snapshot.enabled else "torque_off.off"  # even so: it opens a silent bus anew

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from app.console.guidance import ENDINGS, in_mid_movement, legs_of, needs_torque_off, process_ended
+from app.console.guidance import ENDINGS, in_mid_movement, legs_of, may_switch_off, needs_torque_off, process_ended
 from app.console.state import SessionState
 from app.console.widgets.curves import joint_fault
 from app.console.widgets.panel import Lines, Panel, cells, plain, wrapped
@@ -59,7 +59,7 @@ def _next(state: SessionState, snapshot: ControlSnapshot, *, watching: bool) -> 
         return "guide.process_ended"
     legs = legs_of(snapshot)
     if needs_torque_off(state):
-        return "guide.drive_held" if legs == "held" else "hold.torque_off_key"
+        return "hold.torque_off_key" if may_switch_off(snapshot) else "guide.drive_held"
     if any(event.present and event.effect >= Effect.HOLD and event.event not in _BY_KEYS for event in state.events):
         return "hold.wait"
     return "hold.off_key" if legs == "held" and not in_mid_movement(snapshot) else _KEYS[legs]
@@ -86,9 +86,12 @@ def _sequence(state: SessionState, snapshot: ControlSnapshot, width: int) -> lis
 
 
 def _joints(snapshot: ControlSnapshot) -> list[str]:
-    """What is wrong with which joint: the panel stands where small screens show the joints."""
-    found = [(joint, joint_fault(snapshot.joints[joint])) for joint in Joint]
-    return [f"‼ {tr(f'joints.{joint.name.lower()}')}: {wrong}" for joint, wrong in found if wrong]
+    """What is wrong with which joints: the panel stands where small screens show the joints."""
+    found: dict[str, list[str]] = {}
+    for joint in Joint:
+        if wrong := joint_fault(snapshot.joints[joint]):
+            found.setdefault(wrong, []).append(tr(f"joints.{joint.name.lower()}").rstrip())
+    return [f"‼ {tr('list.separator').join(names)}: {wrong}" for wrong, names in found.items()]
 
 
 def _action(report: ActionReport) -> list[Moment]:

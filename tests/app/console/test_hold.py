@@ -68,6 +68,26 @@ def test_the_joint_and_what_is_wrong_with_it_are_named() -> None:
     assert re.search(rf"‼ {tr('joints.right_knee')}: .*over-current", text)
 
 
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_drives_that_are_all_silent_leave_room_for_the_event_itself(language: str) -> None:
+    use_language(language)
+    silent = event(Event.JOINT_TIMEOUT, Effect.HOLD, joint=Joint.LEFT_HIP, age_ms=137.0)
+    state = changed(effect=Effect.HOLD, state=GaitState.UNPOWERED, enabled=False, joints=SILENT, events=(silent,))
+    text = text_of(hold_lines(state, KEYS | {"stop": "SPACE"}, 76, 8, watching=False))  # the panel at 80 x 24
+    assert " 0.00 s  " in text
+    assert text.count("‼") == 1
+    assert all(tr(f"joints.{joint.name.lower()}").rstrip() in text for joint in Joint)
+
+
+@pytest.mark.parametrize("enabled", [True, False])
+def test_torque_off_is_named_only_where_its_key_is_not_refused(enabled: bool) -> None:
+    keys = KEYS | {"stop": "SPACE"}
+    state = changed(effect=Effect.HOLD, state=GaitState.UNPOWERED, enabled=enabled, events=FAULTY)
+    text = " ".join(text_of(hold_lines(state, keys, 76, 20, watching=False)).split())
+    assert tr("guide.drive_held", **keys) in text
+    assert tr("hold.torque_off_key", **keys) not in text
+
+
 def test_in_little_room_the_legs_and_the_key_stay() -> None:
     text = text_of(hold_lines(STOPPED, KEYS, 60, 3, watching=False))
     assert tr("hold.held") in text
@@ -96,6 +116,7 @@ def changed(**more: object) -> SessionState:
 
 assert READY.snapshot is not None
 assert READY.report is not None
+FAULTY = (event(Event.DRIVE_FAULT, Effect.HOLD, detail=""),)
 BLIND = reason(CameraFault.UNPLUGGED, camera="webcam")
 SILENT = tuple(
     msgspec.structs.replace(joint, angle_rad=nan, target_rad=nan, torque_nm=nan, temperature_c=nan, age_ms=1e9)
