@@ -173,11 +173,13 @@ def _may_command(state: SessionState, now: ControlSnapshot | None) -> bool:
 def legs_of(now: ControlSnapshot) -> str:
     """What legs do that a stop ended: off, damped or held. Damped ones stay so when the stop was acknowledged.
 
-    Joints that have power and no command yet bear as little as damped ones.
+    Joints that have power and no command yet bear as little as damped ones. A drive that does not answer may be stiff,
+    whatever it was ordered.
     """
     damped, unpowered = may_switch_off(now), now.state is GaitState.UNPOWERED
     if not now.enabled and (damped or unpowered):
-        return "off"
+        silent = any(one.event is Event.JOINT_TIMEOUT and one.present for one in now.events)
+        return "unconfirmed" if silent else "off"
     return "damped" if damped or unpowered else "held"
 
 

@@ -8,7 +8,7 @@ from functools import partial
 from textual import on
 
 from app.console import keys
-from app.console.guidance import may_switch_off
+from app.console.guidance import legs_of, may_switch_off
 from app.console.screens.base import ConsoleScreen
 from app.console.screens.dialogs import ask
 from app.console.state import SessionState
@@ -97,7 +97,7 @@ class HandKeys(ConsoleScreen):
         if snapshot is None or not may_switch_off(snapshot):
             app.notify(tr("torque_off.only_damped"), severity="warning")
             return
-        text = "torque_off.text" if snapshot.enabled else "torque_off.off"  # even so: it opens a silent bus anew
+        text = "torque_off.text" if snapshot.enabled else f"torque_off.{legs_of(snapshot)}"  # opens a silent bus anew
         ask(app, lambda: tr("torque_off.title"), lambda: tr(text), partial(app.command, OperatorKind.TORQUE_OFF))
 
     def action_hand_sign(self, sign: str) -> None:

@@ -16,6 +16,7 @@ from app.console.widgets.bars import StopBar
 from app.console.widgets.curves import Curves, draw_joints
 from app.console.widgets.health import Health, health_dot, health_lines, health_of
 from app.console.widgets.hold import held, hold_lines
+from app.console.widgets.status import status_line
 from app.console.widgets.wearer import FigurePanel
 from app.control.gait.machine import Gait, allowed
 from app.ipc.messages import ProcessStatus, TriggerReport
@@ -218,6 +219,34 @@ def test_legs_that_never_had_power_are_not_said_to_stand() -> None:
     assert tr("hold.off") in text
     assert tr("hold.held") not in text
     assert next_step(state)[0] == "off"
+
+
+def without_answer(*, present: bool = True) -> SessionState:
+    """Torque off was ordered after STOP twice, and not all drives answer."""
+    silent = msgspec.structs.replace(event(Event.JOINT_TIMEOUT, Effect.HOLD), present=present)
+    return changed(effect=Effect.DAMP, enabled=False, state=GaitState.UNPOWERED, events=(silent,))
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+@pytest.mark.parametrize("present", [True, False])
+def test_joints_that_do_not_answer_are_not_said_to_be_off(present: bool, language: str) -> None:
+    use_language(language)
+    state = without_answer(present=present)
+    text = " ".join(text_of(hold_lines(state, KEYS, 200, 20, watching=False)).split())
+    assert (tr("hold.off") in text) is not present
+    assert (tr("hold.unconfirmed") in text) is present
+    status = text_of(status_line(state, 120, "i"))
+    assert (tr("legs.unconfirmed").upper() in status) is present
+
+
+async def test_a_torque_off_without_an_answer_is_offered_again_and_not_said_to_be_done(console: Opener) -> None:
+    async with console() as opened:
+        silent = event(Event.JOINT_TIMEOUT, Effect.HOLD)
+        opened.host.walked = {"effect": Effect.DAMP, "enabled": False, "events": (silent,)}
+        await opened.shows("NOT CONFIRMED OFF ■  emergency stop")
+        await opened.press("o")
+        await opened.shows("Not all drives have confirmed")
+        assert "bear no weight" not in opened.text()
 
 
 async def test_the_screen_of_joints_without_power_says_that_they_are_off(console: Opener) -> None:
