@@ -140,7 +140,7 @@ class ReplayView(Container):
         self._lines("distance", distance_lines(state, max(width, 10), height, push))
         self._lines("gait", gait_lines(state, *self._room("gait")))
         panel = self.query_one("#events", Panel)
-        panel.lines = event_lines(state) if now.snapshot is not None else ()
+        panel.lines = event_lines(state)
         panel.set_class(not panel.lines, "-quiet")
         self._lines("curves", self._curves(now))
 

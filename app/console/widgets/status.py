@@ -126,7 +126,7 @@ def event_lines(state: SessionState) -> Lines:
     if state.link is not None and state.link.fault is not None:
         fault = (plain(render(state.link.fault), "bold $error"),)
     if state.snapshot is None:
-        return fault or (plain(tr("events.waiting"), "$foreground-muted"),)
+        return fault
     lines = tuple(_line(event, state.now_ns) for event in state.events)
     if not state.snapshot_fresh:
         return (*(fault or (plain(tr("events.silent"), "bold $error"),)), *lines)
@@ -165,7 +165,7 @@ class EventsPanel(StatePanel):
     def show(self, state: SessionState) -> None:
         """Draw the newest snapshot."""
         before, self.lines = len(self.lines), event_lines(state)
-        self.set_class(not self.lines or state.snapshot is None, "-quiet")
+        self.set_class(not self.lines, "-quiet")
         if len(self.lines) != before:
             self.refresh(layout=True)
 

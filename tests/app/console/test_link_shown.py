@@ -10,7 +10,7 @@ from msgspec.structs import replace as with_fields
 
 from app.console.state import SessionState, fold
 from app.console.widgets.health import Health, health_lines, health_of
-from app.console.widgets.status import event_lines
+from app.console.widgets.status import EventsPanel, event_lines
 from app.ipc.messages import LinkHealth, ProcessStatus
 from app.ipc.states import Effect, Event
 from app.ipc.streams import LinkDirectory
@@ -18,7 +18,7 @@ from app.link.wire import LinkFault
 from app.session.latest import Latest
 from app.system.config import Config, SessionSetup
 from hal.joints.device import load_exoskeleton
-from logs.reason import reason
+from logs.reason import Reason, reason
 from profiles.schema import DEMO_PATIENT
 from testing.fake_host import FakeHost
 from testing.messages import event
@@ -107,6 +107,13 @@ def test_why_there_is_no_link_takes_the_place_of_no_event() -> None:
     assert "No answer from exo.local:7447" in line[0][0]
     stopped = with_snapshot(events=(event(Event.STOP, Effect.HOLD, NOW_NS),))
     assert event_lines(replace(stopped, link=broken.link)) == (line, *event_lines(stopped))
+
+
+@pytest.mark.parametrize("fault", [reason(LinkFault.SESSION_RUNS, session="20261129T105245Z-8904"), None])
+def test_why_a_session_does_not_begin_over_the_link_is_in_sight(fault: Reason | None) -> None:
+    panel = EventsPanel()
+    panel.show(replace(folded(link=with_fields(LINK, fault=fault)), snapshot=None))
+    assert panel.has_class("-quiet") is (fault is None)
 
 
 @pytest.mark.parametrize(("sent_ns", "waits_ms"), [(0, 0.0), (900 * MS, 100.0)])
