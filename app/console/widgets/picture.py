@@ -54,6 +54,7 @@ class Picture(Widget):
         self._strips: list[Strip] = []
         self._indent = 0
         self._background = Style()
+        self._preview: Preview | None = None  # the newest, or the one that was when it was paused
         self._sequence = -1
         self._message_text = tr("picture.waiting")
         self.paused = False
@@ -67,11 +68,12 @@ class Picture(Widget):
         if self._drawn and self._covered():
             self.clear_pixels()
         self.show_text(self._message_for(state))
-        preview = state.preview
-        if preview is None or self.paused or preview.sequence == self._sequence or self.size.area == 0:
+        if not self.paused:
+            self._preview = state.preview
+        if self._preview is None or self._preview.sequence == self._sequence or self.size.area == 0:
             return
-        self._sequence = preview.sequence
-        self._show(preview)
+        self._sequence = self._preview.sequence
+        self._show(self._preview)
 
     def show_preview(self, preview: Preview) -> None:
         """Draw this one, without a session."""
@@ -88,7 +90,6 @@ class Picture(Widget):
         """Freeze or go on; the chain itself never pauses. key: the one that did it, as it is shown."""
         self.paused, self._pause_key = not self.paused, key
         self.set_class(self.paused, "-paused")
-        self._sequence = -1
 
     def render_lines(self, crop: Region) -> list[Strip]:
         """The picture as it is: Textual's own way looks at the style of each of its cells once more."""

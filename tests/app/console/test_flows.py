@@ -460,6 +460,18 @@ async def test_the_image_pauses_but_the_chain_does_not(console: Opener) -> None:
         await open_console.shows(" walk")
 
 
+async def test_a_paused_image_is_drawn_anew_where_it_gets_other_room(console: Opener) -> None:
+    async with console() as open_console:
+        await open_console.until(lambda: "▀" in open_console.text())
+        await open_console.press("z")
+        await open_console.shows("Picture paused: z resumes")
+        await open_console.press("b")
+        await open_console.until(lambda: "Picture paused" not in open_console.text())
+        await open_console.press("b")
+        await open_console.shows("Picture paused: z resumes")
+        await open_console.until(lambda: "▀" in open_console.text())
+
+
 async def test_the_last_picture_of_a_lost_camera_says_that_none_follows(console: Opener) -> None:
     async with console() as open_console:
         await open_console.until(lambda: (state := open_console.app.live_state()) and state.preview)
