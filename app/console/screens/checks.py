@@ -198,13 +198,15 @@ class Preflight(Dialog[bool]):
         except EOFError:
             self._end(lambda: tr("preflight.died"))
 
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002
+        """Enter closes once it is over."""
+        return action != "close_if_done" or self._ended
+
     def action_cancel(self) -> None:
         self.dismiss(self._passed)
 
     def action_close_if_done(self) -> None:
-        """Enter closes once it is over."""
-        if self._ended:
-            self.dismiss(self._passed)
+        self.dismiss(self._passed)
 
     def _take(self, progress: Progress) -> None:
         if isinstance(progress, Action):
@@ -217,6 +219,7 @@ class Preflight(Dialog[bool]):
 
     def _end(self, result: Wording) -> None:
         self._ended = True
+        self.refresh_bindings()
         hinted = self._passed and self.console_app.live is not None
         self._show(lambda: f"{result()}\n{tr('preflight.joints_off')}" if hinted else result())
 

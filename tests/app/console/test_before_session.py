@@ -206,7 +206,10 @@ async def test_a_rehearsal_runs_beside_the_console_and_is_kept(console: Opener, 
         assert not preflight_passed(home, patient, device, Action.SIT_DOWN).passed
         config = Config(joints=JointsConfig(kind="can"))
         open_console.app.push_screen(Preflight(DEMO_PATIENT, config, (Action.SIT_DOWN,)))
+        await open_console.shows("esc Close")
+        assert "⏎ Close" not in open_console.text() or "All actions passed" in open_console.text()
         await _comes(open_console, "All actions passed")
+        await open_console.shows("⏎ Close")
         await _follows_the_language(open_console, "preflight.passed")
         await open_console.press("enter")
         await open_console.until(lambda: not isinstance(open_console.app.screen, Preflight))
