@@ -133,10 +133,15 @@ def summary(finding: Finding, render: Render) -> str:
     return sanitize_terminal(text_of(whole, render))
 
 
+def path_text(path: Path) -> str:
+    """A path for JSON, which is UTF-8: bytes of another encoding are escaped."""
+    return str(path).encode(errors="backslashreplace").decode()
+
+
 def to_values(finding: Finding, render: Render) -> dict[str, object]:
     """For JSON: `code` and `values` are for programs, `reason` and `remarks` for people."""
     return {
-        "file": str(finding.file),
+        "file": path_text(finding.file),
         "status": finding.status.value,
         "records": finding.records,
         "proven": finding.proven,

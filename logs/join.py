@@ -10,7 +10,7 @@ from pathlib import Path
 
 from rich.text import Text
 
-from logs.findings import STYLE, Finding, Status
+from logs.findings import STYLE, Finding, Status, path_text
 from logs.mentions import Mention, TrailIndex, index_trail
 from logs.reason import Reason, Render, reason, sanitize_terminal, text_of
 from logs.records import OtherTrail
@@ -210,8 +210,8 @@ def describe_join(join: Join, render: Render) -> Text:
 def join_values(join: Join, render: Render) -> dict[str, object]:
     """For JSON: `code` and `values` are for programs, `reason` for people."""
     return {
-        "file": str(join.file),
-        "other": str(join.other) if join.other else None,
+        "file": path_text(join.file),
+        "other": path_text(join.other) if join.other else None,
         "status": join.status.value,
         "code": join.reason.code if join.reason else "",
         "values": join.reason.values if join.reason else {},

@@ -35,6 +35,7 @@ class SiteState(Enum):
     """What is known of a site that is asked."""
 
     PROVEN = auto()  # site, sessions
+    NOT_PROVEN = auto()  # site, sessions: no public key is known
     UNFINISHED = auto()  # site, sessions, unfinished
     NOT_SIGNED = auto()  # site, files
 
@@ -93,6 +94,8 @@ def _check_trails(site: Site, evidence: Evidence) -> Reason:
     findings = verify([site.path], evidence)
     for finding in findings:
         _check_finding(site, finding)
+    if not evidence.keys:
+        return reason(SiteState.NOT_PROVEN, site=site.name, sessions=len(site.files))
     unfinished = sum(finding.status is not Status.SOUND for finding in findings)
     if unfinished:
         return reason(SiteState.UNFINISHED, site=site.name, sessions=len(site.files), unfinished=unfinished)

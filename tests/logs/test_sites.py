@@ -96,6 +96,11 @@ def test_what_is_known_of_a_site_is_told(homes: tuple[Path, Path], tmp_path: Pat
     assert [one.code for one in told] == [key_of(SiteState.PROVEN), key_of(SiteState.NOT_SIGNED)]
 
 
+def test_without_a_public_key_nothing_is_proven(homes: tuple[Path, Path]) -> None:
+    (site,) = find_sites([f"north={homes[0]}"])
+    assert check_site(site, lambda _: Evidence()).code == key_of(SiteState.NOT_PROVEN)
+
+
 def test_a_tampered_site_is_refused_by_name(homes: tuple[Path, Path], tmp_path: Path) -> None:
     path = write_sample(tmp_path, minutes=1)
     path.write_bytes(path.read_bytes().replace(b"Ann Berg", b"Ann Borg", 1))

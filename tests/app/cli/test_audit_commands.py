@@ -59,6 +59,13 @@ def test_verify_ends_with_0_1_or_2(home: Path) -> None:
     assert audit("verify", "--home", str(home / "keys"))[0] == 2
 
 
+def test_findings_name_a_file_whose_name_is_no_text(home: Path) -> None:
+    (home / "logs" / os.fsdecode(b"\xff.jsonl")).write_bytes(b"{}\n")
+    assert audit("verify", "--home", str(home), "--json", str(home / "findings.json"))[0] == 2
+    named = [one["file"] for one in json.loads((home / "findings.json").read_text())["files"]]
+    assert str(home / "logs" / r"\udcff.jsonl") in named
+
+
 def test_show_says_when_nothing_passes_its_filters(home: Path) -> None:
     assert audit("show", "s1", "--home", str(home), "--since", "2026-11-21T09:30Z") == (
         0,
