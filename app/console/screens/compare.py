@@ -19,7 +19,7 @@ from textual.widgets import Input, Label
 from app.console import keys
 from app.console.screens.hand_keys import HandKeys
 from app.console.state import SessionState
-from app.console.widgets.comparison import FrameCount, camera_lines, own_depth_lines, table_lines
+from app.console.widgets.comparison import FrameCount, camera_lines, no_image_lines, own_depth_lines, table_lines
 from app.console.widgets.panel import Panel, plain
 from app.console.widgets.picture import Picture
 from app.ipc.messages import HandCommand, Preview, TriggerReport
@@ -33,6 +33,7 @@ from logs.reading.errors import cause_of
 from logs.reason import Reason
 
 POLL_S = 0.1
+SILENT_S = 2.0  # it yields to the session: on a busy machine its images come late and seldom
 LONGEST_CM = 200.0
 _OWN = {"2", "r"}  # keys of the hand that mean something else here
 
@@ -59,6 +60,7 @@ class CompareScreen(HandKeys):
         self._count = FrameCount()
         self._looker: Looker | None = None
         self._setup: SessionSetup | None = None  # of the session that is compared
+        self._heard_s = 0.0  # when the second camera gave something last
         self._source = ""
         self._comparison = Comparison(threshold_m=0.0)
         self._refused = False  # the table could not be written: the next time it is given up
@@ -106,8 +108,13 @@ class CompareScreen(HandKeys):
 
     def follow(self, state: SessionState) -> None:
         self.query_one("#status", Panel).lines = (plain(tr("compare.text"), "$text-muted"),)
-        if state.report is not None and state.report.sequence != self._sequence:
+        if state.report is None:
+            return
+        if state.report.sequence != self._sequence:
             self._take(state.report)
+        elif not state.report_fresh:
+            for name in ("monocular",) if self._looker is not None else ("monocular", "depth"):
+                self.query_one(f"#{name}", Panel).lines = no_image_lines()
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """A second camera's name, or the ruler's centimetres."""
@@ -156,6 +163,7 @@ class CompareScreen(HandKeys):
             profile=msgspec.structs.replace(setup.profile, distance_source=used),
         )
         self._looker = await asyncio.to_thread(Looker, second)
+        self._heard_s = time.monotonic()
         if self.console_app.has_digital_hand:
             self._looker.move_hand(self.console_app.live_session().hand)
 
@@ -190,6 +198,7 @@ class CompareScreen(HandKeys):
             return
         other = self.query_one("#other", Picture)
         for message in self._looker.receive():
+            self._heard_s = time.monotonic()
             if isinstance(message, Preview):
                 other.show_preview(message)
             elif isinstance(message, Reason):
@@ -198,7 +207,10 @@ class CompareScreen(HandKeys):
             else:
                 self._comparison.take(1, message)
         column, table = self.query_one("#depth", Panel), self.query_one("#running", Panel)
-        column.lines = camera_lines(self._comparison, 1, max(10, column.content_size.width))
+        told = self._comparison.newest[1] is None or self._comparison.faults[1] is not None
+        silent = not told and time.monotonic() - self._heard_s > SILENT_S
+        width = max(10, column.content_size.width)
+        column.lines = no_image_lines() if silent else camera_lines(self._comparison, 1, width)
         table.lines = table_lines(self._comparison, *table.content_size)
 
     def _take(self, report: TriggerReport) -> None:

@@ -93,6 +93,11 @@ def camera_lines(comparison: Comparison, which: int, width: int) -> Lines:
     )
 
 
+def no_image_lines() -> Lines:
+    """In place of figures that are none of now."""
+    return (plain(tr("picture.stale"), "$warning"),)
+
+
 def own_depth_lines(report: TriggerReport, ruler_m: float | None, width: int) -> Lines:
     """The session's own depth, beside its keypoints."""
     depth_m, fault = report.depth_distance_m, report.depth_fault

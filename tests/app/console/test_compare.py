@@ -34,6 +34,7 @@ class FakeLooker:
 
     made: list[FakeLooker]
     fault: Reason | None = None
+    stopped = False  # its process stands still
     may_close: Event  # until then its driver hangs
 
     def __init__(self, setup: SessionSetup) -> None:
@@ -49,6 +50,8 @@ class FakeLooker:
     def receive(self) -> list[CameraSample | Preview | Reason]:
         if self.fault is not None:
             return [self.fault]
+        if self.stopped:
+            return []
         self.frames += 1
         sample = CameraSample(
             camera="second",
@@ -252,6 +255,28 @@ async def test_a_camera_that_vanishes_says_so_in_place_of_its_figures(console: O
         FakeLooker.fault = reason(CameraFault.UNPLUGGED, camera="second")
         await open_console.shows(render(FakeLooker.fault))
         await open_console.shows(tr("picture.stale"))
+
+
+@pytest.mark.usefixtures("looking")
+async def test_a_camera_whose_process_stands_still_has_no_figures(console: Opener) -> None:
+    async with console(size=(120, 36)) as open_console:
+        await open_console.press("v")
+        await choose_second(open_console, "digital-d435i")
+        await open_console.shows("31.0 cm")
+        (looker,) = FakeLooker.made
+        looker.stopped = True
+        await open_console.until(lambda: "31.0 cm  depth" not in open_console.text())
+        await open_console.shows(tr("picture.stale"))
+        looker.stopped = False
+        await open_console.shows("31.0 cm  depth")
+
+
+async def test_the_session_s_camera_without_reports_has_no_figures(console: Opener) -> None:
+    async with console() as open_console:
+        await open_console.press("5", "v")
+        await open_console.shows("30.5 cm")
+        open_console.host.silent = True
+        await open_console.until(lambda: "30.5 cm" not in open_console.text())
 
 
 @pytest.mark.usefixtures("looking")
