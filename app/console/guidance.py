@@ -245,6 +245,11 @@ _STEPS: tuple[tuple[_Applies, str, str], ...] = (
         "off",
         "bold $error",
     ),
+    (
+        lambda _, now: now is not None and now.effect is Effect.DAMP and legs_of(now) == "unconfirmed",
+        "unconfirmed",
+        "bold $error",
+    ),
     (lambda _, now: now is not None and now.effect is Effect.DAMP, "damped", "bold $error"),
     (
         lambda state, now: now is not None and now.action is None and process_ended(state),

@@ -237,6 +237,7 @@ def test_joints_that_do_not_answer_are_not_said_to_be_off(present: bool, languag
     assert (tr("hold.unconfirmed") in text) is present
     status = text_of(status_line(state, 120, "i"))
     assert (tr("legs.unconfirmed").upper() in status) is present
+    assert next_step(state)[0] == ("unconfirmed" if present else "off")
 
 
 async def test_a_torque_off_without_an_answer_is_offered_again_and_not_said_to_be_done(console: Opener) -> None:
@@ -278,7 +279,8 @@ def test_a_fault_that_stays_until_the_joints_are_off_names_the_way_there(
         shown = " ".join(text_of(hold_lines(state, keys, 76, 20, watching=False)).split())
         assert (tr(text, **keys) in shown) is lasts
         assert (tr("hold.wait", **keys) in shown) is not lasts
-        assert next_step(state)[0] == ("damped" if effect is Effect.DAMP else "drive_held" if lasts else "held_at_rest")
+        damped = "damped" if powered else "unconfirmed"
+        assert next_step(state)[0] == (damped if effect is Effect.DAMP else "drive_held" if lasts else "held_at_rest")
 
 
 def test_joints_that_are_silent_with_their_bus_need_it_opened_anew() -> None:
