@@ -60,7 +60,7 @@ class CompareScreen(HandKeys):
         self._count = FrameCount()
         self._looker: Looker | None = None
         self._setup: SessionSetup | None = None  # of the session that is compared
-        self._heard_s = 0.0  # when the second camera gave something last
+        self._received_s = 0.0  # when the second camera gave something last
         self._source = ""
         self._comparison = Comparison(threshold_m=0.0)
         self._refused = False  # the table could not be written: the next time it is given up
@@ -163,7 +163,7 @@ class CompareScreen(HandKeys):
             profile=msgspec.structs.replace(setup.profile, distance_source=used),
         )
         self._looker = await asyncio.to_thread(Looker, second)
-        self._heard_s = time.monotonic()
+        self._received_s = time.monotonic()
         if self.console_app.has_digital_hand:
             self._looker.move_hand(self.console_app.live_session().hand)
 
@@ -198,7 +198,7 @@ class CompareScreen(HandKeys):
             return
         other = self.query_one("#other", Picture)
         for message in self._looker.receive():
-            self._heard_s = time.monotonic()
+            self._received_s = time.monotonic()
             if isinstance(message, Preview):
                 other.show_preview(message)
             elif isinstance(message, Reason):
@@ -207,8 +207,8 @@ class CompareScreen(HandKeys):
             else:
                 self._comparison.take(1, message)
         column, table = self.query_one("#depth", Panel), self.query_one("#running", Panel)
-        told = self._comparison.newest[1] is None or self._comparison.faults[1] is not None
-        silent = not told and time.monotonic() - self._heard_s > SILENT_S
+        reported = self._comparison.newest[1] is None or self._comparison.faults[1] is not None
+        silent = not reported and time.monotonic() - self._received_s > SILENT_S
         width = max(10, column.content_size.width)
         column.lines = no_image_lines() if silent else camera_lines(self._comparison, 1, width)
         table.lines = table_lines(self._comparison, *table.content_size)

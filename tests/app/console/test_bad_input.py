@@ -293,11 +293,11 @@ async def test_a_trail_that_can_not_be_written_is_told_before_its_session_is_lef
         open_console.host.audit_fault = fault
         await open_console.press("e")
         await open_console.shows("After the session with demo")
-        told = open_console.app.screen.query_one("#unwritten", Static)
-        await open_console.until(lambda: told.content == tr("after.unwritten", why=fault))
-        assert told.display
+        line = open_console.app.screen.query_one("#unwritten", Static)
+        await open_console.until(lambda: line.content == tr("after.unwritten", why=fault))
+        assert line.display
         open_console.host.audit_fault = None
-        await open_console.until(lambda: not told.display)
+        await open_console.until(lambda: not line.display)
 
 
 async def test_the_yes_of_a_question_that_did_not_come_is_no_note(console: Opener) -> None:
