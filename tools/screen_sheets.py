@@ -27,7 +27,7 @@ from app.system.config import Config, JointsConfig, SessionSetup
 from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT
 from testing.fake_host import screen_text, strips
-from tools.contact_sheets import cells_image, save, sheet
+from tools.contact_sheets import FONTS, cells_image, save, sheet
 from tools.sheet_scenes import NOW_NS, SCENES, Scene, StillHost, furnish
 
 FOLDER = Path(__file__).parent.parent / "docs" / "pictures" / "screens"
@@ -141,6 +141,9 @@ def main() -> None:
     parser.add_argument("names", nargs="*", metavar="NAME")
     parser.add_argument("--shots", type=Path, default=None)
     options = parser.parse_args()
+    missing = [font for font in FONTS if not Path(font).is_file()]
+    if missing:
+        parser.error(f"no {', '.join(missing)}: sudo apt-get install fonts-dejavu-core fonts-wqy-microhei")
     with tempfile.TemporaryDirectory() as folder:
         home = Home(Path(folder))
         furnish(home)
