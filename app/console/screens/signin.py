@@ -9,7 +9,7 @@ from functools import partial
 from typing import ClassVar
 
 from textual.app import ComposeResult
-from textual.binding import BindingType
+from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.widgets import Input, Static
 
@@ -36,6 +36,9 @@ class SignInDialog(Dialog[Authority]):
     """Gives who has signed in, or None when left with Escape."""
 
     HELP_PAGE = "sign_in"
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("tab,enter", "go_to_pin", "sign_in.pin", show=False, priority=True),
+    ]
 
     def __init__(self, *, unlock: str = "", held: SessionSetup | None = None) -> None:
         """unlock: the operator whose console this is; nobody else's PIN opens it, and Escape doesn't leave it.
@@ -70,10 +73,8 @@ class SignInDialog(Dialog[Authority]):
         self.query_one("#pin" if self._unlock or self._held else "#name").focus()
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Enter in the name goes on to the PIN; Enter in the PIN tries."""
-        if event.input.id == "name":
-            self.query_one("#pin").focus()
-        elif not self._trying:
+        """Enter in the PIN tries it."""
+        if not self._trying:
             self._trying = True
             event.input.value = ""
             self.run_worker(self._try(self.query_one("#name", Input).value, event.value))
@@ -99,6 +100,14 @@ class SignInDialog(Dialog[Authority]):
     def action_cancel(self) -> None:
         if not self._unlock:
             self.dismiss(None)
+
+    def action_go_to_pin(self) -> None:
+        """Before the next key is given to a field: the name is shown, and recorded with a refusal."""
+        self.set_focus(self.query_one("#pin"))
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002
+        """From the name alone; elsewhere both keys do what they do in every field."""
+        return action != "go_to_pin" or (self.focused is not None and self.focused.id == "name")
 
     def _sign_in(self, name: str, pin: str) -> Authority:
         attempt = try_pin(self.console_app.home.keys, name, pin, time.time())
