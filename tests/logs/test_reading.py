@@ -133,7 +133,7 @@ def test_anything_can_be_shown_and_nothing_of_it_crashes(tmp_path: Path, content
 @pytest.mark.parametrize("language", ["en", "zh"])
 def test_every_kind_of_record_has_its_text(language: str) -> None:
     kinds = {key.removeprefix("Record.") for key in entries(language) if key.startswith("Record.")}
-    assert kinds - {"line", "EventCounted"} == {kind.__name__ for kind in r.Body.__args__}
+    assert kinds - {"line", "EventCounted"} == {kind.__name__ for kind in r.Body.__args__}, "Record.Kind in trail.po"
 
 
 def test_a_sentence_survives_what_was_not_measured() -> None:
