@@ -187,13 +187,16 @@ def check_regular(path: Path) -> None:
 
 
 def _trails_sql(listed: str) -> str:
-    """The flat table over JSON Lines. A line that does not match its hash (changed, torn, no JSON) becomes no row."""
+    """The flat table over JSON Lines. A line that does not match its hash (changed, torn, no JSON) becomes no row.
+
+    NOT MATERIALIZED: `whole` is read twice, and DuckDB would hold all of it in memory.
+    """
     line = "CAST(json AS VARCHAR)"
     shape = json.dumps(_ENVELOPE | {"body": BODY_COLUMNS | {"patient": "VARCHAR"}})
     columns = [f"record.{name}" for name in _ENVELOPE] + ["coalesce(patient, '') AS patient"]
     columns += [f"record.body.{name}" for name in BODY_COLUMNS]
     return f"""
-        WITH whole AS (
+        WITH whole AS NOT MATERIALIZED (
             SELECT file, json, from_json(json, {quoted(shape)}) AS record
             FROM read_ndjson_objects([{listed}], ignore_errors=true, filename='file', maximum_object_size={MAX_LINE})
             WHERE right({line}, {SEAL}) = ',"hash":"' || sha256(left({line}, -{SEAL}) || '}}') || '"}}'

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import shutil
 from pathlib import Path
 from typing import Any
 
 import duckdb
 import pytest
 
+from logs import records_table
 from logs.errors import AuditError, AuditFault
 from logs.keys import by_fingerprint, known_keys
 from logs.query import QUESTIONS, ask
@@ -94,6 +96,15 @@ def test_what_is_known_of_a_site_is_told(homes: tuple[Path, Path], tmp_path: Pat
     sites = find_sites([f"north={homes[0]}", f"x={tmp_path}"])
     told = [check_site(site, evidence) for site in sites]
     assert [one.code for one in told] == [key_of(SiteState.PROVEN), key_of(SiteState.NOT_SIGNED)]
+
+
+def test_more_trails_are_asked_than_memory_holds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(records_table._LIMITS, "memory_limit", "256MB")
+    trail = write_sample(tmp_path, minutes=1)
+    for number in range(99):
+        shutil.copy(trail, trail.with_name(f"copy-{number}.jsonl"))
+    (row,) = rows([f"a={tmp_path}"], SITE_QUESTIONS["sites"])
+    assert row["records"] == 100 * len(list(records(trail)))
 
 
 def test_without_a_public_key_nothing_is_proven(homes: tuple[Path, Path]) -> None:

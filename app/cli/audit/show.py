@@ -99,7 +99,7 @@ def _print_records(
     """How many were printed. Lines hold the time alone: a new day, and with `named` the session, stand before them."""
     count, before = 0, ""
     console = Console(soft_wrap=True, highlight=False, markup=False, emoji=False)
-    # Rich takes half of the time, for colours that a file and a pipe don't get.
+    # Rich is slow, and its colours reach no file and no pipe.
     write: Callable[..., None] = console.print if console.is_terminal else _write_plain
     found = follow_file(path, lambda: not is_being_written(path)) if follow else read(path)
     with suppress(KeyboardInterrupt):  # the end of following
