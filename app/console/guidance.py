@@ -174,13 +174,13 @@ def legs_of(now: ControlSnapshot) -> str:
     """What legs do that a stop ended: off, damped or held. Damped ones stay so when the stop was acknowledged.
 
     Joints that have power and no command yet bear as little as damped ones. A drive that does not answer may be stiff,
-    whatever it was ordered.
+    whatever it was ordered: where one is, damped and off are unconfirmed.
     """
-    damped, unpowered = may_switch_off(now), now.state is GaitState.UNPOWERED
-    if not now.enabled and (damped or unpowered):
-        silent = any(one.event is Event.JOINT_TIMEOUT and one.present for one in now.events)
-        return "unconfirmed" if silent else "off"
-    return "damped" if damped or unpowered else "held"
+    if not may_switch_off(now) and now.state is not GaitState.UNPOWERED:
+        return "held"
+    if any(one.event is Event.JOINT_TIMEOUT and one.present for one in now.events):
+        return "unconfirmed"
+    return "damped" if now.enabled else "off"
 
 
 def may_switch_off(now: ControlSnapshot) -> bool:
@@ -261,6 +261,7 @@ _STEPS: tuple[tuple[_Applies, str, str], ...] = (
         "drive_held",
         "bold $error",
     ),
+    (lambda _, now: _holds(now, "unconfirmed"), "drive_held", "bold $error"),
     (lambda _, now: _holds(now, "off"), "off", "bold $error"),
     (lambda _, now: _holds(now, "damped"), "damped", "bold $error"),
     (lambda _, now: _holds(now, "held") and not in_mid_movement(now), "held_at_rest", "bold $error"),

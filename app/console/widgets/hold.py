@@ -44,7 +44,12 @@ def hold_lines(state: SessionState, keys: Mapping[str, str], width: int, height:
     return tuple(plain(text, style) for text, style in lines[-height:])
 
 
-_KEYS = {"held": "hold.held_key", "damped": "hold.damped_key", "off": "hold.off_key"}
+_KEYS = {
+    "held": "hold.held_key",
+    "damped": "hold.damped_key",
+    "unconfirmed": "hold.damped_key",
+    "off": "hold.off_key",
+}
 # A key that was pressed is over, whatever the row says; the guardian's damping ends with the joints' power.
 _BY_KEYS = (Event.STOP, Event.STOP_AGAIN, Event.GUARDIAN_ACTED)
 

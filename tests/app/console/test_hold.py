@@ -221,30 +221,36 @@ def test_legs_that_never_had_power_are_not_said_to_stand() -> None:
     assert next_step(state)[0] == "off"
 
 
-def without_answer(*, present: bool = True) -> SessionState:
-    """Torque off was ordered after STOP twice, and not all drives answer."""
-    silent = msgspec.structs.replace(event(Event.JOINT_TIMEOUT, Effect.HOLD), present=present)
-    return changed(effect=Effect.DAMP, enabled=False, state=GaitState.UNPOWERED, events=(silent,))
-
-
 @pytest.mark.parametrize("language", ["en", "zh"])
 @pytest.mark.parametrize("present", [True, False])
-def test_joints_that_do_not_answer_are_not_said_to_be_off(present: bool, language: str) -> None:
+@pytest.mark.parametrize(("enabled", "ordered"), [(True, "damped"), (False, "off")])
+def test_joints_that_do_not_answer_are_not_said_to_do_what_was_ordered(
+    enabled: bool, ordered: str, present: bool, language: str
+) -> None:
     use_language(language)
-    state = without_answer(present=present)
+    silent = msgspec.structs.replace(event(Event.JOINT_TIMEOUT, Effect.HOLD), present=present)
+    state = changed(effect=Effect.DAMP, enabled=enabled, state=GaitState.BETWEEN, events=(silent,))
     text = " ".join(text_of(hold_lines(state, KEYS, 200, 20, watching=False)).split())
-    assert (tr("hold.off") in text) is not present
+    assert (tr(f"hold.{ordered}") in text) is not present
     assert (tr("hold.unconfirmed") in text) is present
     status = text_of(status_line(state, 120, "i"))
+    assert (tr(f"legs.{ordered}").upper() in status) is not present
     assert (tr("legs.unconfirmed").upper() in status) is present
-    assert next_step(state)[0] == ("unconfirmed" if present else "off")
+    assert next_step(state)[0] == ("unconfirmed" if present else ordered)
+
+
+def test_joints_that_got_power_and_do_not_answer_are_damped_by_stop_twice() -> None:
+    """Torque off is refused before that."""
+    silent = event(Event.JOINT_TIMEOUT, Effect.HOLD)
+    state = changed(effect=Effect.HOLD, enabled=True, state=GaitState.UNPOWERED, events=(silent,))
+    assert next_step(state)[0] == "drive_held"
 
 
 async def test_a_torque_off_without_an_answer_is_offered_again_and_not_said_to_be_done(console: Opener) -> None:
     async with console() as opened:
         silent = event(Event.JOINT_TIMEOUT, Effect.HOLD)
         opened.host.walked = {"effect": Effect.DAMP, "enabled": False, "events": (silent,)}
-        await opened.shows("NOT CONFIRMED OFF ■  emergency stop")
+        await opened.shows("NO ANSWER FROM DRIVES ■  emergency stop")
         await opened.press("o")
         await opened.shows("Not all drives have confirmed")
         assert "bear no weight" not in opened.text()
@@ -279,7 +285,7 @@ def test_a_fault_that_stays_until_the_joints_are_off_names_the_way_there(
         shown = " ".join(text_of(hold_lines(state, keys, 76, 20, watching=False)).split())
         assert (tr(text, **keys) in shown) is lasts
         assert (tr("hold.wait", **keys) in shown) is not lasts
-        damped = "damped" if powered else "unconfirmed"
+        damped = "unconfirmed" if cause is Event.JOINT_TIMEOUT else "damped"
         assert next_step(state)[0] == (damped if effect is Effect.DAMP else "drive_held" if lasts else "held_at_rest")
 
 
