@@ -14,13 +14,13 @@ from app.cli import cli
 from app.cli.compare_cameras import compare_cameras
 from app.ipc.streams import LinkDirectory
 from app.perception import camera_names
-from app.perception.look import _Look
+from app.perception.look import LookFault, _Look
 from app.system.config import Config, SessionSetup
 from app.system.errors import AppError
 from app.system.hand_model import ModelFault
 from app.system.paths import Home
 from hal.errors import CameraFault, RecordingFault
-from logs.reason import reason
+from logs.reason import Reason, reason
 from profiles.schema import DEMO_PATIENT
 from tests.app.perception.test_camera_supervisor import Fragile
 
@@ -44,10 +44,13 @@ def test_a_camera_that_can_t_be_opened_ends_the_comparison_with_its_reason(
     home.config.write_text(f'model = "{tmp_path / "hand.task"}"\n', encoding="utf-8")
     monkeypatch.setattr(camera_names, "RATES_HZ", (0.1, 999.0))  # the digital hand itself refuses it, in its process
     sources = ("digital-hand@999", "digital-hand")
-    found = compare_cameras(home, sources, seconds=1, alone_s=0, ruler_m=None, patient=DEMO_PATIENT)
-    fault = found.faults[0]
-    assert fault is not None
-    assert fault.code == reason(CameraFault.RATE_OUT_OF_RANGE).code
+    with pytest.raises(AppError) as refused:
+        compare_cameras(home, sources, seconds=1, alone_s=0, ruler_m=None, patient=DEMO_PATIENT)
+    assert refused.value.code is LookFault.NO_FRAME
+    assert refused.value.values["camera"] == sources[0]
+    why = refused.value.values["why"]
+    assert isinstance(why, Reason)
+    assert why.code == reason(CameraFault.RATE_OUT_OF_RANGE).code
 
 
 def test_a_recording_that_ends_ends_the_looking_with_its_reason(tmp_path: Path) -> None:
