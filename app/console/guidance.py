@@ -84,6 +84,12 @@ CHECKS = (
         must=False,
         applies=lambda state: state.vocabulary is not VocabularyStatus.NOT_NEEDED,
     ),
+    Check(
+        "preflight",
+        lambda state: state.snapshot is not None and not state.snapshot.uncleared,
+        must=False,
+        applies=lambda state: not _simulated(state),
+    ),
     Check("real_time", lambda state: state.snapshot is not None and state.snapshot.real_time.fifo, must=False),
     Check("no_stop_input", lambda _: False, must=False, applies=lambda state: not state.has_stop_inputs),
     Check("stop_inputs", _pressed_once, operator=True, applies=lambda state: state.has_stop_inputs),
@@ -155,11 +161,14 @@ def left_on(state: SessionState) -> bool:
     Those that hold their last command for ever are stiff until the next session starts or their supply is cut.
     """
     now, guardian = state.snapshot, state.guardian
-    simulated = state.setup.config.joints.kind == "simulated" and not state.setup.joints_elsewhere
-    if now is None or simulated or state.control_alive:
+    if now is None or _simulated(state) or state.control_alive:
         return False
     switched_off = guardian is not None and guardian.off and guardian.fault is None
     return _unanswered(state) or (now.enabled and not switched_off)
+
+
+def _simulated(state: SessionState) -> bool:
+    return state.setup.config.joints.kind == "simulated" and not state.setup.joints_elsewhere
 
 
 def _may_command(state: SessionState, now: ControlSnapshot | None) -> bool:
@@ -208,6 +217,11 @@ _GESTURES_ONLY = {Event.CAMERA_STALE, Event.PERCEPTION_TIMEOUT, Event.PERCEPTION
 def _gestures_refused(now: ControlSnapshot | None) -> bool:
     """Whether gestures are refused by more than not being armed. An event stays a second to be read, so this does."""
     return now is not None and any(one.event in _GESTURES_ONLY for one in now.events)
+
+
+def _uncleared(now: ControlSnapshot) -> bool:
+    """Whether whatever could begin now is refused for want of a pre-flight."""
+    return bool(now.allowed) and set(now.allowed) <= set(now.uncleared)
 
 
 _NEEDS_GESTURE_0 = (GaitState.UNPOWERED, GaitState.BETWEEN)
@@ -275,6 +289,7 @@ _STEPS: tuple[tuple[_Applies, str, str], ...] = (
     (lambda _, now: slack(now), "slack", "bold $error"),
     (lambda _, now: now is not None and not now.patient_confirmed, "confirm", "bold $accent"),
     (lambda state, _: not ready(state), "checks", "bold $warning"),
+    (lambda _, now: now is not None and _uncleared(now), "preflight", "bold $warning"),
     (lambda _, now: _gestures_refused(now), "keys_only", "bold $warning"),
     (lambda _, now: now is not None and not now.armed, "arm", "bold $accent"),
     (lambda _, now: now is not None and in_mid_movement(now) and now.enabled, "return", "bold $accent"),

@@ -43,12 +43,15 @@ def lacks_preflight(tick: Tick) -> bool:
 
     During a movement nothing could start: what is ignored there raises no event that would end a walk.
     """
-    cleared, resting = tick.inputs.cleared, tick.state.gait.running is None
-    return (
-        cleared is not None
-        and resting
-        and any(request.action not in cleared and request.action is not Action.WALK_END for request in tick.requests)
-    )
+    resting = tick.state.gait.running is None
+    return resting and any(request.action in uncleared(tick.inputs.cleared) for request in tick.requests)
+
+
+def uncleared(cleared: frozenset[Action] | None) -> tuple[Action, ...]:
+    """The actions that need a pre-flight and have not passed it. None: the joints need none."""
+    if cleared is None:
+        return ()
+    return tuple(action for action in Action if action not in cleared and action is not Action.WALK_END)
 
 
 def arbitrate(tick: Tick) -> None:

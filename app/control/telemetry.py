@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from app.control.events.table import ROW, RaisedEvent, blocker
 from app.control.gait import machine as gait_machine
 from app.control.inputs import Inputs
+from app.control.requests import uncleared
 from app.control.state import ControlState
 from app.ipc.snapshot import ActiveEvent, ControlSnapshot, JointSnapshot, Lateness, RealTime, StopInputSnapshot
 from app.ipc.states import Action, RequestRefusal, Source
@@ -50,6 +51,7 @@ def snapshot(state: ControlState, inputs: Inputs, status: LoopStatus) -> Control
         progress=state.motion.progress,
         pending=Action.WALK_END if gait.closing else None,
         allowed=allowed,
+        uncleared=uncleared(inputs.cleared),
         why_not=why_not,
         joints=_joints(state, inputs),
         events=tuple(_event(one) for one in state.events),

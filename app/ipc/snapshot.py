@@ -125,6 +125,7 @@ class ControlSnapshot(Struct, frozen=True, kw_only=True, tag="control"):
     pending: Action | None = None  # gesture 6, latched
     allowed: tuple[Action, ...] = ()
     by_key_only: tuple[Action, ...] = ()  # their gestures are not in the patient's vocabulary
+    uncleared: tuple[Action, ...] = ()  # refused until they have passed the pre-flight of real joints
     why_not: Reason | None = None  # why nothing is allowed, when nothing is
     joints: tuple[JointSnapshot, JointSnapshot, JointSnapshot, JointSnapshot]
     events: tuple[ActiveEvent, ...] = ()

@@ -18,7 +18,7 @@ from app.system.errors import AppError
 from logs.reason import Reason
 from profiles.schema import Profile
 
-VERSION = 7  # of the messages here and of those that they carry; another one is refused
+VERSION = 8  # of the messages here and of those that they carry; another one is refused
 PORT = 7447
 FRAMES_IN_FLIGHT = 6  # more would be a backlog after a cut: what is newer replaces what could not be sent
 COMMANDS_A_FRAME = 16

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from math import nan
+from typing import Literal
 
 import msgspec
 import pytest
@@ -23,6 +24,7 @@ from app.ipc.messages import ProcessStatus, TriggerReport
 from app.ipc.snapshot import Lateness, RealTime
 from app.ipc.states import GESTURE_OF, Action, Effect, Event, GaitState
 from app.motion.wearer import load_wearer
+from app.system.config import JointsConfig
 from app.text.catalogue import tr, use_language
 from hal.errors import CameraFault
 from hal.joints.device import Joint
@@ -377,6 +379,23 @@ def test_a_push_is_asked_for_only_where_it_begins_something() -> None:
     assert pushes == {GESTURE_OF[action] for action in READY.snapshot.allowed}
     by_key = msgspec.structs.replace(READY.snapshot, by_key_only=READY.snapshot.allowed)
     assert all(next_step(replace(state, snapshot=by_key))[0] != "push" for state in shown.values())
+
+
+@pytest.mark.parametrize("kind", ["can", "simulated"])
+def test_real_joints_show_before_the_first_push_that_no_preflight_has_passed(kind: Literal["can", "simulated"]) -> None:
+    config = msgspec.structs.replace(READY.setup.config, joints=JointsConfig(kind=kind))
+    real = replace(READY, setup=msgspec.structs.replace(READY.setup, config=config))
+    snapshot = READY.snapshot
+    assert snapshot is not None
+    first, *others = snapshot.allowed
+
+    def lacking(*uncleared: Action) -> SessionState:
+        return replace(real, snapshot=msgspec.structs.replace(snapshot, uncleared=uncleared))
+
+    lights = [results(lacking(*some)).get("preflight") for some in ((), others, (first, *others))]
+    assert lights == ([Light.GREEN, Light.AMBER, Light.AMBER] if kind == "can" else [None, None, None])
+    steps = [next_step(lacking(*some))[0] for some in ((), others, (first, *others))]
+    assert steps == [next_step(real)[0], next_step(real)[0], "preflight"]
 
 
 def test_a_movement_cut_short_with_power_is_followed_by_a_slow_return() -> None:

@@ -10,9 +10,11 @@ from pathlib import Path
 import pytest
 
 from app.control.loop import Control
+from app.control.telemetry import LoopStatus, snapshot
 from app.ipc.links import new_link_directory
-from app.ipc.snapshot import RealTime
-from app.ipc.states import Action
+from app.ipc.messages import OperatorKind
+from app.ipc.snapshot import Lateness, RealTime
+from app.ipc.states import Action, Event
 from app.motion.plan import patient_of
 from app.motion.preflight import keep_verdict
 from app.motion.rehearsal_checks import RehearsalVerdict
@@ -20,6 +22,7 @@ from app.system.config import Config, JointsConfig, SessionSetup
 from app.system.paths import Home
 from hal.joints.device import DEFAULT_DEVICE, load_exoskeleton
 from profiles.schema import DEMO_PATIENT
+from tests.app.control.moments import now, standing
 
 DESCRIBED = DEFAULT_DEVICE.read_text(encoding="utf-8")
 
@@ -87,3 +90,17 @@ def test_verdicts_that_can_not_be_read_clear_nothing(unpowered: Unpowered) -> No
     record.unlink()
     record.mkdir()
     assert unpowered.cleared() == frozenset()
+
+
+@pytest.mark.parametrize("cleared", [None, frozenset[Action](), frozenset({Action.INITIALISE, Action.WALK})])
+def test_what_a_snapshot_calls_uncleared_is_what_is_refused(cleared: frozenset[Action] | None) -> None:
+    refused = set[Action]()
+    for action in Action:
+        rig = standing()
+        rig.cleared = cleared
+        rig.send(OperatorKind.ACT, action)
+        rig.tick()
+        refused |= {action} if any(one.event is Event.NO_PREFLIGHT for one in now(rig).events) else set()
+    status = LoopStatus(incarnation=1, sequence=1, lateness=Lateness(), real_time=RealTime())
+    assert set(snapshot(now(rig), rig._inputs(), status).uncleared) == refused
+    assert len(refused) == (0 if cleared is None else len(Action) - 1 - len(cleared))
