@@ -8,7 +8,7 @@ from enum import Enum
 from functools import partial
 
 from app.console.state import SessionState
-from app.console.widgets.curves import joint_fault
+from app.console.widgets.curves import SILENT_MS, joint_fault
 from app.console.widgets.panel import Lines, plain
 from app.ipc.messages import ProcessStatus
 from app.ipc.snapshot import ControlSnapshot
@@ -182,12 +182,13 @@ def _may_command(state: SessionState, now: ControlSnapshot | None) -> bool:
 def legs_of(now: ControlSnapshot) -> str:
     """What legs do that a stop ended: off, damped or held. Damped ones stay so when the stop was acknowledged.
 
-    Joints that have power and no command yet bear as little as damped ones. A drive that does not answer may be stiff,
-    whatever it was ordered: where one is, damped and off are unconfirmed.
+    Joints that have power and no command yet bear as little as damped ones. A drive that does not answer may be stiff
+    or limp, whatever it was ordered: where one is, damped and off are unconfirmed; where all are, held is.
     """
+    silent = any(one.event is Event.JOINT_TIMEOUT and one.present for one in now.events)
     if not may_switch_off(now) and now.state is not GaitState.UNPOWERED:
-        return "held"
-    if any(one.event is Event.JOINT_TIMEOUT and one.present for one in now.events):
+        return "unconfirmed" if silent and all(one.age_ms > SILENT_MS for one in now.joints) else "held"
+    if silent:
         return "unconfirmed"
     return "damped" if now.enabled else "off"
 

@@ -241,6 +241,19 @@ def test_joints_that_do_not_answer_are_not_said_to_do_what_was_ordered(
     assert next_step(state)[0] == ("unconfirmed" if present else ordered)
 
 
+@pytest.mark.parametrize("answering", [0, 1])
+def test_legs_are_not_said_to_be_held_where_no_drive_answers(answering: int) -> None:
+    """Where one of four is silent the others hold the wearer."""
+    assert READY.snapshot is not None
+    joints = (*READY.snapshot.joints[:answering], *SILENT[answering:])
+    silent = event(Event.JOINT_TIMEOUT, Effect.HOLD)
+    state = changed(effect=Effect.HOLD, enabled=True, state=GaitState.BETWEEN, joints=joints, events=(silent,))
+    text = " ".join(text_of(hold_lines(state, KEYS, 200, 20, watching=False)).split())
+    assert (tr("hold.held") in text) is bool(answering)
+    assert (tr("hold.unconfirmed") in text) is (not answering)
+    assert next_step(state)[0] == ("held" if answering else "drive_held")
+
+
 def test_joints_that_got_power_and_do_not_answer_are_damped_by_stop_twice() -> None:
     """Torque off is refused before that."""
     silent = event(Event.JOINT_TIMEOUT, Effect.HOLD)
