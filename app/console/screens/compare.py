@@ -33,7 +33,7 @@ from logs.reading.errors import cause_of
 from logs.reason import Reason
 
 POLL_S = 0.1
-SILENT_S = 2.0  # it yields to the session: on a busy machine its images come late and seldom
+SILENT_S = 2.0  # the second camera's process yields to the session: on a busy machine its images come late and seldom
 LONGEST_CM = 200.0
 _OWN = {"2", "r"}  # keys of the hand that mean something else here
 
