@@ -88,7 +88,7 @@ CHECKS = (
         "preflight",
         lambda state: state.snapshot is not None and not state.snapshot.uncleared,
         must=False,
-        applies=lambda state: not _simulated(state),
+        applies=lambda state: not state.simulated,
     ),
     Check("real_time", lambda state: state.snapshot is not None and state.snapshot.real_time.fifo, must=False),
     Check("no_stop_input", lambda _: False, must=False, applies=lambda state: not state.has_stop_inputs),
@@ -148,27 +148,6 @@ def process_ended(state: SessionState) -> bool:
 
 def _gone(state: SessionState, name: str) -> bool:
     return any(process.name == name and not process.alive for process in state.processes)
-
-
-def _unanswered(state: SessionState) -> bool:
-    """The guardian's frames have no effect on some drive, as far as anybody knows."""
-    return state.guardian is not None and bool(state.guardian.unanswered)
-
-
-def left_on(state: SessionState) -> bool:
-    """Whether control has ended, or its computer is gone, and nobody has seen the drives off.
-
-    Those that hold their last command for ever are stiff until the next session starts or their supply is cut.
-    """
-    now, guardian = state.snapshot, state.guardian
-    if now is None or _simulated(state) or state.control_alive:
-        return False
-    switched_off = guardian is not None and guardian.off and guardian.fault is None
-    return _unanswered(state) or (now.enabled and not switched_off)
-
-
-def _simulated(state: SessionState) -> bool:
-    return state.setup.config.joints.kind == "simulated" and not state.setup.joints_elsewhere
 
 
 def _may_command(state: SessionState, now: ControlSnapshot | None) -> bool:
@@ -248,9 +227,11 @@ _STEPS: tuple[tuple[_Applies, str, str], ...] = (
     (lambda state, _: bool(state.fault), "failed", "bold $error"),
     (lambda state, now: now is None and _down(state), "process_down", "bold $error"),
     (lambda _, now: now is None, "starting", "$text-muted"),
+    (lambda state, _: state.unanswered and (state.left_on or not state.snapshot_fresh), "drives_silent", "bold $error"),
+    (lambda state, _: _ending(state) and state.control_ended and not state.left_on, "ended", "bold $warning"),
+    (lambda state, _: state.abandoned and _gone(state, "control"), "nobody_stops", "bold $error"),
     (lambda state, _: _ending(state) and not _gone(state, "audit"), "ending", "bold $warning"),
     (lambda state, _: not state.snapshot_fresh and _gone(state, "guardian"), "nobody_stops", "bold $error"),
-    (lambda state, _: not state.snapshot_fresh and _unanswered(state), "drives_silent", "bold $error"),
     (lambda state, _: not state.snapshot_fresh and _gone(state, "control"), "control_ended", "bold $error"),
     (lambda state, _: not state.snapshot_fresh, "control_silent", "bold $error"),
     (

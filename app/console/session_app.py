@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 
-from app.console.guidance import left_on
 from app.console.live import Clock, GuidedTests, Host, HostFactory, LiveSession
 from app.console.operator import SignedInApp
 from app.console.screens.base import USER_ERRORS
@@ -80,7 +79,7 @@ class SessionApp(SignedInApp):
         live, self.live = self.live, None
         if live is not None:
             self.left_held = not live.host.commands
-            self.switch.left_on = left_on(live.state)
+            self.switch.left_on = live.state.left_on
             self._close_trail()
             live.close()
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from app.ipc.messages import AuditHealth, GuardianHealth, LinkHealth, Preview, ProcessStatus, TriggerReport
 from app.ipc.snapshot import ActiveEvent, ControlSnapshot
 from app.ipc.states import Effect
-from app.ipc.streams import SNAPSHOT, TRIGGER
+from app.ipc.streams import GUARDIAN, SNAPSHOT, TRIGGER
 from app.session.latest import Latest
 from app.session.launch import MOVERS
 from app.system.config import SessionSetup
@@ -75,6 +75,40 @@ class SessionState:
     def control_alive(self) -> bool:
         """Whether anything could still move: control runs, here or behind the link."""
         return any(process.name in MOVERS and process.alive for process in self.processes)
+
+    @property
+    def control_ended(self) -> bool:
+        """Whether what commands the legs ran and is gone: STOP has no effect."""
+        return any(process.name in MOVERS for process in self.processes) and not self.control_alive
+
+    @property
+    def simulated(self) -> bool:
+        """Whether no drive exists."""
+        return self.setup.config.joints.kind == "simulated" and not self.setup.joints_elsewhere
+
+    @property
+    def unanswered(self) -> bool:
+        """Whether the guardian's frames have no effect on some drive, as far as anybody knows."""
+        return self.guardian is not None and bool(self.guardian.unanswered)
+
+    @property
+    def left_on(self) -> bool:
+        """Whether control has ended, or its computer is gone, and nobody has seen the drives off.
+
+        Those that hold their last command for ever are stiff until the next session starts or their supply is cut.
+        """
+        now, guardian = self.snapshot, self.guardian
+        if now is None or self.simulated or self.control_alive:
+            return False
+        switched_off = guardian is not None and guardian.off and guardian.fault is None
+        return self.unanswered or (now.enabled and not switched_off)
+
+    @property
+    def abandoned(self) -> bool:
+        """Whether drives were left on and the guardian does not damp them: nothing can stop the legs."""
+        guardian = self.guardian
+        silent = guardian is None or self.now_ns - guardian.at_ns > GUARDIAN.stale_ms * 1e6
+        return self.left_on and (silent or guardian.fault is not None or self.unanswered)
 
     @property
     def ended_processes(self) -> tuple[ProcessStatus, ...]:

@@ -10,7 +10,7 @@ from textual.reactive import reactive
 from textual.screen import Screen
 from textual.widget import Widget
 
-from app.console.guidance import left_on, legs_of
+from app.console.guidance import legs_of
 from app.console.state import SessionState
 from app.console.stop import StopSwitch
 from app.console.widgets.panel import cells
@@ -34,16 +34,20 @@ class StopBar(Widget):
 
     def show(self, state: SessionState | None) -> None:
         """Take the session's newest state; None: no session."""
-        live = self._switch.live
+        dead = self._switch.live and state is not None and state.control_ended
+        live = self._switch.live and not dead
         effect, waits_ms = (None, 0.0) if state is None else (state.effect, state.stop_waits_ms)
         legs = "held" if state is None or state.snapshot is None else legs_of(state.snapshot)
         self.text = tr("stop.sent", ms=f"{waits_ms:.0f}") if live and waits_ms > 0 else self._text_of(effect, legs)
         self.set_class(live, "-live")
         held = effect is not None and effect >= Effect.HOLD
         watched = self._watching and state is not None and state.snapshot_fresh
-        powerless = not live and (self._switch.left_on if state is None else left_on(state))
-        if powerless and not self._watching:
-            self.text = tr("stop.left_on")
+        if state is None:
+            powerless = not live and self._switch.left_on
+        else:
+            powerless = state.abandoned if dead else not live and state.left_on
+        if (dead or powerless) and not self._watching:
+            self.text = tr("stop.left_on" if powerless else "stop.ended")
         self.set_class(powerless or (held and (live or watched)), "-held")  # else it is what control said last
 
     def render(self) -> Content:

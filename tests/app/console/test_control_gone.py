@@ -1,0 +1,93 @@
+"""Control's process is gone: what the STOP bar and the next step say of the legs, with and without the guardian."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import msgspec
+import pytest
+
+from app.console.guidance import next_step
+from app.console.state import SessionState
+from app.console.stop import StopSwitch
+from app.console.widgets.bars import StopBar
+from app.ipc.messages import GuardianHealth
+from app.ipc.states import Effect, Event
+from app.session.guardian import GuardianNotice
+from app.system.config import JointsConfig, JointsKind
+from app.text.catalogue import tr
+from logs.reason import reason
+from testing.messages import event
+from tests.app.console.test_sizes import READY
+
+SECOND_NS = 1_000_000_000
+ENDS = (event(Event.SHUTDOWN_DAMPING, Effect.DAMP),)
+
+
+def gone(
+    *processes: str,
+    kind: JointsKind = "can",
+    enabled: bool = True,
+    ending: bool = False,
+    off: bool = False,
+    fault: bool = False,
+    unanswered: tuple[str, ...] = (),
+) -> SessionState:
+    """A second after control's process and these were gone; the other fields are the last of control and guardian."""
+    assert READY.snapshot is not None
+    ended = {"control", *processes}
+    now_ns = READY.snapshot.at_ns + SECOND_NS
+    health = GuardianHealth(
+        at_ns=READY.snapshot.at_ns if "guardian" in ended else now_ns,
+        acted=True,
+        off=off,
+        fault=reason(GuardianNotice.BUS_NOT_OPENED) if fault else None,
+        unanswered=unanswered,
+    )
+    config = msgspec.structs.replace(READY.setup.config, joints=JointsConfig(kind=kind))
+    return replace(
+        READY,
+        now_ns=now_ns,
+        setup=msgspec.structs.replace(READY.setup, config=config),
+        snapshot=msgspec.structs.replace(READY.snapshot, enabled=enabled, events=ENDS if ending else ()),
+        guardian=health,
+        processes=tuple(msgspec.structs.replace(one, alive=one.name not in ended) for one in READY.processes),
+    )
+
+
+@pytest.mark.parametrize(
+    ("state", "step", "bar"),
+    [
+        (gone(), "control_ended", "stop.ended"),
+        (gone(off=True), "control_ended", "stop.ended"),
+        (gone(fault=True), "nobody_stops", "stop.left_on"),
+        (gone(unanswered=("left_knee",)), "drives_silent", "stop.left_on"),
+        (gone("guardian"), "nobody_stops", "stop.left_on"),
+        (gone("guardian", kind="simulated"), "nobody_stops", "stop.ended"),
+        (gone("guardian", ending=True), "nobody_stops", "stop.left_on"),
+        (gone("guardian", "audit", ending=True, enabled=False), "ended", "stop.ended"),
+        (gone("guardian", "audit", ending=True, off=True), "ended", "stop.ended"),
+        (gone("guardian", "audit", ending=True, unanswered=("left_knee",)), "drives_silent", "stop.left_on"),
+    ],
+    ids=[
+        "the guardian damps",
+        "the guardian has switched off",
+        "the guardian can't reach the drives",
+        "a drive does not answer the guardian",
+        "the guardian is gone too",
+        "both gone, no drives",
+        "both gone while control ended the session",
+        "control ended the session in order",
+        "the guardian ended it",
+        "a drive has not confirmed the end",
+    ],
+)
+def test_stop_is_not_asked_for_and_what_is_known_of_the_legs_is_told(state: SessionState, step: str, bar: str) -> None:
+    switch = StopSwitch()
+    switch.connect(lambda: None)
+    shown = StopBar(switch, {}, watching=False)
+    shown.show(state)
+    assert (next_step(state)[0], shown.text) == (step, tr(bar))
+    assert not shown.has_class("-live")
+    for key in ("guide.nobody_stops", "guide.drives_silent", "stop.left_on"):
+        assert "emergency stop" in tr(key)
