@@ -23,6 +23,11 @@ class Disk:
         """An existing file for writing, held under the same lock."""
         return _locked(os.open(path, os.O_RDWR | os.O_CLOEXEC))
 
+    def check_linked(self, handle: int) -> None:
+        """A deleted file goes on taking writes, and is gone with its last descriptor: no write into it is one."""
+        if not os.fstat(handle).st_nlink:
+            raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
+
     def write(self, handle: int, data: bytes, offset: int) -> int:
         """Write at an offset; returns how many bytes were taken."""
         return os.pwrite(handle, data, offset)

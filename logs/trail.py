@@ -159,6 +159,7 @@ class Trail:
         if not self._exists:
             self._disk.sync_folder(self.path.parent)
             self._exists = True
+        self._disk.check_linked(self._handle)
         return self._handle
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import errno
 import os
+import shutil
 import socket
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,7 +14,7 @@ import pytest
 from logs import mirror
 from logs.disk import Disk
 from logs.findings import Remark
-from logs.journal import Found, append_signed
+from logs.journal import MANIFEST, Found, append_signed
 from logs.keys import ConsoleKey, by_fingerprint, load_or_make_key, read_anchors
 from logs.mirror import SUFFIX, SYSLOG, CheckpointCopy, MirrorFault, copied
 from logs.reason import Reason, key_of, reason
@@ -102,6 +103,25 @@ def test_while_the_disk_refuses_its_fault_is_reported_and_nothing_counts_as_writ
     detail = os.strerror(errno.ENOSPC)
     assert writer.fault == reason(DiskFault.NOT_WRITTEN, path=writer.path, detail=detail, waiting=writer.waiting)
     assert (writer.written, writer.waiting > 0) == (0, True)
+
+
+@pytest.mark.parametrize("deleted", ["s.jsonl", MANIFEST, ""])
+def test_a_trail_that_was_deleted_while_it_is_written_counts_as_not_written(
+    folder: Path, key: ConsoleKey, deleted: str
+) -> None:
+    writer = SessionWriter(folder, "s", key, Disk(), CheckpointCopy(""))
+    writer.begin(START, moment(0))
+    written = writer.written
+    if deleted:
+        (folder / deleted).unlink()
+    else:
+        shutil.rmtree(folder)
+    writer.take(moment(1).entry(Note(text="lost")))
+    assert not writer.settle(moment(2).monotonic_ns)
+    assert writer.fault is not None
+    assert writer.fault.values["detail"] == os.strerror(errno.ENOENT)
+    assert (writer.written, writer.waiting) == (written, 1)
+    writer.close()
 
 
 @pytest.mark.parametrize(
