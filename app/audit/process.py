@@ -24,6 +24,7 @@ from app.ipc.links import OrderedReceiver, Publisher, address
 from app.ipc.messages import AuditHealth
 from app.ipc.streams import AUDIT, AUDIT_HEALTH
 from app.system.config import SessionSetup
+from app.system.diagnostics_log import get_logger
 from app.system.hand_model import MODEL_NAME
 from app.system.paths import Home
 from app.system.program import program_identity
@@ -46,6 +47,8 @@ ORPHAN_IDLE_S = 3.0  # console dead: control holds, damps, disables within this 
 GIVE_UP_S = 10.0  # trying to write the end on a disk that refuses
 DISK_TIMEOUT_S = 2.0  # a disk that spins up, or a burst of other programs, is not a fault yet
 
+_log = get_logger("audit")
+
 
 def run_audit(setup: SessionSetup) -> None:
     """Write one session's trail from its first record to its signed end."""
@@ -65,7 +68,7 @@ def run_audit(setup: SessionSetup) -> None:
     writer.close()
     loop.remove_links()
     if not done:
-        sys.stderr.write(f"{writer.fault}\n")
+        _log.error("trail not written", why=writer.fault)
         sys.exit(1)
 
 

@@ -38,26 +38,25 @@ def launch(setup: SessionSetup, entry: str, without: frozenset[str]) -> Peer:
     output = output_of(setup, "session")
     output.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     # Not by a file action: its error would name the interpreter.
-    printed = os.open(output, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600)
-    reads, writes = os.pipe()
-    try:
-        pid = os.posix_spawn(
-            sys.executable,
-            [sys.executable, "-m", "app.session.supervise"],
-            os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
-            file_actions=[
-                (os.POSIX_SPAWN_DUP2, reads, 0),
-                (os.POSIX_SPAWN_DUP2, printed, 1),
-                (os.POSIX_SPAWN_DUP2, printed, 2),
-            ],
-            setsid=True,
-        )
-    except OSError:
-        os.close(writes)
-        raise
-    finally:
-        os.close(reads)
-        os.close(printed)
+    with os.fdopen(os.open(output, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o600), "ab") as printed:
+        reads, writes = os.pipe()
+        try:
+            pid = os.posix_spawn(
+                sys.executable,
+                [sys.executable, "-m", "app.session.supervise"],
+                os.environ | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
+                file_actions=[
+                    (os.POSIX_SPAWN_DUP2, reads, 0),
+                    (os.POSIX_SPAWN_DUP2, printed.fileno(), 1),
+                    (os.POSIX_SPAWN_DUP2, printed.fileno(), 2),
+                ],
+                setsid=True,
+            )
+        except OSError:
+            os.close(writes)
+            raise
+        finally:
+            os.close(reads)
     host = Peer(pid)
     with os.fdopen(writes, "wb") as pipe, suppress(BrokenPipeError):
         pipe.write(encode(start))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import resource
+import shutil
 import time
 from collections.abc import Callable, Iterator
 from functools import partial
@@ -15,11 +16,12 @@ from typing import get_args
 import msgspec
 import pytest
 
-from app.audit.process import IDLE_S, run_audit, start_record
+from app.audit.process import IDLE_S, start_record
 from app.audit.sink import AuditSink, other_trail
 from app.ipc.links import LatestReceiver, address, new_link_directory
 from app.ipc.messages import AuditHealth
 from app.ipc.streams import AUDIT_HEALTH, LinkDirectory
+from app.session.child import run_process
 from app.system.config import Config, Purpose, SessionSetup
 from app.system.paths import Home
 from logs.findings import Remark
@@ -27,7 +29,7 @@ from logs.keys import by_fingerprint, known_keys, read_anchors
 from logs.reason import Reason, key_of
 from logs.records import Command, Loss, Note, OtherTrail, Record, RecordsLost, SessionEnd, SessionStart
 from logs.scan import scan_file
-from logs.trail import MAX_WAITING_BYTES
+from logs.trail import MAX_WAITING_BYTES, DiskFault
 from logs.verify import Evidence, exit_status, verify
 from profiles.schema import DEMO_PATIENT
 
@@ -51,7 +53,9 @@ class Session:
             operator="ann",
             host_pid=os.getpid(),
         )
-        self.process: BaseProcess = multiprocessing.get_context("spawn").Process(target=run_audit, args=(self.setup,))
+        self.process: BaseProcess = multiprocessing.get_context("spawn").Process(
+            target=run_process, args=("audit", self.setup)
+        )
         self.process.start()
         self.sink = AuditSink(links, "control", "ann")
         self._health = LatestReceiver(address(links, AUDIT_HEALTH.name), AuditHealth)
@@ -186,6 +190,19 @@ def test_records_queued_while_the_disk_is_full_are_written_when_it_is_freed_afte
     texts = [body.text for body in bodies(trail) if isinstance(body, Note)]
     assert texts[large:] == [str(number) for number in range(100)]
     assert exit_status(verify([session.home.logs], evidence(session.home))) == 0
+
+
+def test_a_trail_that_is_deleted_is_told_within_seconds_and_once_in_the_engineers_log(
+    start: Callable[[str], Session],
+) -> None:
+    session = start("s1")
+    session.wait_until(lambda health: health.written > 0 and health.waiting == 0)
+    shutil.rmtree(session.home.logs)
+    session.sink.emit(COMMAND)
+    session.wait_until(lambda health: health.fault is not None and health.fault.code == key_of(DiskFault.NOT_WRITTEN))
+    assert session.end() == 1
+    log = (session.home.root / "diagnostics" / "audit.log").read_text(encoding="utf-8")
+    assert [msgspec.json.decode(line)["event"] for line in log.splitlines()] == ["process started", "trail not written"]
 
 
 def test_killed_at_any_moment_nothing_acknowledged_is_missing_and_the_next_session_starts(

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import errno
 import os
+import resource
 import shutil
 import signal
 import subprocess
 import sys
 import time
+from contextlib import ExitStack
 from itertools import pairwise
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -26,6 +28,7 @@ from app.session.setup import make_setup
 from app.session.shared import encode, take_lease
 from app.session.supervise import SessionProcesses, end_child
 from app.system.config import Config
+from app.system.errors import AppError
 from app.system.paths import Home
 from logs.reason import Reason
 from logs.records import Body, ProcessEnd
@@ -242,6 +245,7 @@ from pathlib import Path
 from app.session import child
 from app.session.setup import make_setup
 from app.system.config import Config
+from app.system.errors import AppError
 from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT
 name, folder = sys.argv[1], Path(sys.argv[2])
@@ -317,6 +321,24 @@ def test_a_session_whose_process_can_not_be_started_leaves_nothing_open(
     with pytest.raises(FileNotFoundError):
         launch(setup, "app.session.child:run_process", frozenset())
     assert set(Path("/proc/self/fd").iterdir()) == before
+    shutil.rmtree(setup.links.path)
+
+
+@pytest.mark.parametrize("room", [1, 2])
+def test_a_session_that_runs_out_of_descriptors_leaves_none_open(tmp_path: Path, room: int) -> None:
+    setup = make_setup(Home(tmp_path), Config(), DEMO_PATIENT, None)
+    limits = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with ExitStack() as stack:
+        highest = max(int(one.name) for one in Path("/proc/self/fd").iterdir())
+        while (last := stack.enter_context(Path("/dev/null").open()).fileno()) < highest:
+            pass
+        before = set(Path("/proc/self/fd").iterdir())
+        stack.callback(resource.setrlimit, resource.RLIMIT_NOFILE, limits)
+        resource.setrlimit(resource.RLIMIT_NOFILE, (last + 1 + room, limits[1]))
+        with pytest.raises((OSError, AppError)):
+            launch(setup, "app.session.child:run_process", frozenset())
+        resource.setrlimit(resource.RLIMIT_NOFILE, limits)
+        assert set(Path("/proc/self/fd").iterdir()) == before
     shutil.rmtree(setup.links.path)
 
 
