@@ -6,7 +6,7 @@ a new one begun, whose first entry records that.
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterable, Mapping
+from collections.abc import Container, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -28,7 +28,7 @@ _LogEntry = LogOpened | LogClosed | LogRecovered
 class Listing:
     """The entries of a manifest about the session files beside it."""
 
-    opened: set[str] = field(default_factory=set)
+    opened: dict[str, None] = field(default_factory=dict)  # in the order in which they were begun
     ended: dict[str, LogClosed | LogRecovered] = field(default_factory=dict)
     hashes: list[str] = field(default_factory=list)  # of its entries, in order
     signers: set[str] = field(default_factory=set)  # keys that its signatures name
@@ -37,7 +37,7 @@ class Listing:
     @property
     def unfinished(self) -> list[str]:
         """Files that were begun and of whose end nothing is known."""
-        return sorted(self.opened - self.ended.keys())
+        return sorted(self.opened.keys() - self.ended.keys())
 
 
 def manifest_paths(folder: Path) -> list[Path]:
@@ -56,6 +56,19 @@ def read_listings(folder: Path, keys: Mapping[str, PublicKey], trusted: Containe
     return listing
 
 
+def begun_last(folder: Path, paths: Sequence[Path]) -> Path:
+    """Of a folder's trails or recordings, by name, the one whose session was begun last.
+
+    By the manifest, where it has one of them: a name is made of the wall clock, which may have been set back.
+    """
+    try:
+        begun = [Path(name).stem for name in read_listings(folder, {}).opened]
+    except OSError:
+        begun = []
+    places = {stem: place for place, stem in enumerate(begun)}
+    return max(reversed(paths), key=lambda path: places.get(path.stem, -1))
+
+
 def _read_into(listing: Listing, lines: Iterable[bytes], trusted: Container[str] | None) -> None:
     for line in lines:
         try:
@@ -69,7 +82,7 @@ def _read_into(listing: Listing, lines: Iterable[bytes], trusted: Container[str]
 
 def _note(listing: Listing, entry: _LogEntry) -> None:
     if isinstance(entry, LogOpened):
-        listing.opened.add(entry.file)
+        listing.opened[entry.file] = None
     else:
         listing.ended[entry.file] = entry
 

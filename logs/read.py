@@ -14,6 +14,7 @@ import msgspec
 from logs.errors import AuditError, AuditFault
 from logs.journal import is_journal, parted
 from logs.line import MAX_LINE, is_whole
+from logs.manifest import begun_last
 from logs.reading.errors import UNDECODABLE, cause_of
 from logs.reading.regular import open_regular
 from logs.records import (
@@ -137,7 +138,7 @@ def find_session(folder: Path, name: str) -> Path:
     if not paths:
         raise AuditError(AuditFault.NO_TRAILS, places=folder)
     if name == "last":
-        return paths[-1]
+        return begun_last(folder, paths)
     exact = [path for path in paths if path.stem == name]
     found = exact or [path for path in paths if name and path.stem.startswith(name)]
     if len(found) == 1:

@@ -22,6 +22,7 @@ from app.recording.encryption import open_recording
 from app.recording.writer import CLOCK, LIBRARY, LOST, PROFILE, SOURCE, VERSION
 from app.system.errors import AppError
 from app.system.paths import PICTURES_SUFFIX, RECORDING_SUFFIX
+from logs.manifest import begun_last
 from logs.read import records
 from logs.reading.errors import cause_of
 from logs.reading.regular import open_regular
@@ -101,7 +102,9 @@ def find_recording(folder: Path, named: str) -> Path:
     if given.suffix == TRAIL_SUFFIX:
         return given.with_suffix(RECORDING_SUFFIX)
     found = sorted(path for path in folder.glob(f"*{RECORDING_SUFFIX}") if not path.name.endswith(PICTURES_SUFFIX))
-    matches = found[-1:] if named == "last" else [path for path in found if named and path.name.startswith(named)]
+    if named == "last" and found:
+        return begun_last(folder, found)
+    matches = [path for path in found if named and path.name.startswith(named)]
     if not matches:
         raise AppError(RecordingReadFault.NO_RECORDING, name=named, folder=folder)
     if len(matches) > 1:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -18,6 +19,7 @@ from app.text.recorded import render_recorded
 from logs import records as r
 from logs.disk import Disk
 from logs.errors import AuditError, AuditFault
+from logs.journal import MANIFEST
 from logs.keys import ConsoleKey, by_fingerprint
 from logs.read import NOT_A_RECORD, UnreadableLine, find_session, outline, outline_of, read, records, session_paths
 from logs.reason import sanitize_terminal
@@ -227,6 +229,18 @@ def test_a_session_is_found_by_the_beginning_of_its_name(three: Trail) -> None:
         with pytest.raises(AuditError) as raised:
             find_session(three.folder, name)
         assert raised.value.code is AuditFault.NO_SESSION
+
+
+def test_the_last_session_is_the_one_begun_last_whatever_the_clock_was_set_to(tmp_path: Path, key: ConsoleKey) -> None:
+    for name in ("1200", "0900", "1000"):
+        write_session(tmp_path, name, key, Disk())
+    assert find_session(tmp_path, "last").stem == "1000"
+    (tmp_path / "1000.jsonl").unlink()
+    assert find_session(tmp_path, "last").stem == "0900"
+    shutil.copy(tmp_path / "0900.jsonl", tmp_path / "1300.jsonl")  # one of another computer, which the manifest lacks
+    assert find_session(tmp_path, "last").stem == "0900"
+    (tmp_path / MANIFEST).unlink()
+    assert find_session(tmp_path, "last").stem == "1300"
 
 
 def test_where_no_session_was_recorded_none_is_missed_by_name(tmp_path: Path) -> None:

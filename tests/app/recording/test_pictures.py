@@ -26,10 +26,13 @@ from app.system.errors import AppError
 from app.system.paths import Home, pictures_path, recording_path
 from app.text.catalogue import render, use_language
 from hal.cameras.camera import Frame, Intrinsics, IntrinsicsSource
+from logs.disk import Disk
 from logs.journal import CHANGES
+from logs.keys import load_or_make_key
 from logs.read import records
 from logs.records import Change, Note, Recording, RecordingDeleted, RecordingFile
 from tests.app.recording.conftest import Collector
+from tests.support.audit_trails import write_session
 
 OFFSET_NS = 7_000_000_000
 AGREED, WITHDRAWN = Recording(on=True, consent=True), Recording(on=False, consent=False)
@@ -241,6 +244,14 @@ def home_with(tmp_path: Path) -> Home:
     for path in (recording_path(home.logs, "s1"), pictures_path(home.logs, "s1"), recording_path(home.logs, "s2")):
         path.write_bytes(b"12345")
     return home
+
+
+def test_the_last_recording_is_of_the_session_begun_last_whatever_the_clock_was_set_to(tmp_path: Path) -> None:
+    home = home_with(tmp_path)
+    key = load_or_make_key(home.keys)
+    for name in ("s2", "s1"):
+        write_session(home.logs, name, key, Disk())
+    assert find_recording(home.logs, "last") == recording_path(home.logs, "s1")
 
 
 def test_pictures_are_no_recording_of_their_own(tmp_path: Path) -> None:
