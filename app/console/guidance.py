@@ -222,13 +222,18 @@ def _ending(state: SessionState) -> bool:
     return any(event.event in ENDINGS for event in state.events)
 
 
+def _known_off(state: SessionState) -> bool:
+    """Control has ended here, or on the other computer in order, and it or the guardian switched the drives off."""
+    return state.control_ended and not state.left_on and (_gone(state, "control") or _ending(state))
+
+
 _Applies = Callable[[SessionState, ControlSnapshot | None], bool]
 _STEPS: tuple[tuple[_Applies, str, str], ...] = (
     (lambda state, _: bool(state.fault), "failed", "bold $error"),
     (lambda state, now: now is None and _down(state), "process_down", "bold $error"),
     (lambda _, now: now is None, "starting", "$text-muted"),
     (lambda state, _: state.unanswered and (state.left_on or not state.snapshot_fresh), "drives_silent", "bold $error"),
-    (lambda state, _: _ending(state) and state.control_ended and not state.left_on, "ended", "bold $warning"),
+    (lambda state, _: _known_off(state), "ended", "bold $warning"),
     (lambda state, _: state.abandoned and _gone(state, "control"), "nobody_stops", "bold $error"),
     (lambda state, _: _ending(state) and not _gone(state, "audit"), "ending", "bold $warning"),
     (lambda state, _: not state.snapshot_fresh and _gone(state, "guardian"), "nobody_stops", "bold $error"),

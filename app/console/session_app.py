@@ -70,9 +70,14 @@ class SessionApp(SignedInApp):
             self.notify(result_text(result), timeout=20, markup=False)
 
     def powered(self) -> bool:
-        """Whether the drives carry the patient; once control has ended its last snapshot says nothing of them."""
+        """Whether the drives carry the patient until the session's end; a dead control's only where the guardian acts.
+
+        Once control has ended its last snapshot says nothing of them.
+        """
         state = self.live_state() if self.switch.live else None
-        return state is not None and state.snapshot is not None and state.snapshot.enabled
+        if state is None or state.snapshot is None:
+            return False
+        return state.left_on and not state.abandoned if state.control_ended else state.snapshot.enabled
 
     def close_live(self) -> None:
         """End the session's processes, if there are any; may take seconds."""

@@ -12,12 +12,13 @@ from app.console.state import SessionState
 from app.console.stop import StopSwitch
 from app.console.widgets.bars import StopBar
 from app.ipc.messages import GuardianHealth
-from app.ipc.states import Effect, Event
+from app.ipc.states import Effect, Event, GaitState
 from app.session.guardian import GuardianNotice
 from app.system.config import JointsConfig, JointsKind
 from app.text.catalogue import tr
 from logs.reason import reason
 from testing.messages import event
+from tests.app.console.conftest import Opener
 from tests.app.console.test_sizes import READY
 
 SECOND_NS = 1_000_000_000
@@ -59,11 +60,12 @@ def gone(
     ("state", "step", "bar"),
     [
         (gone(), "control_ended", "stop.ended"),
-        (gone(off=True), "control_ended", "stop.ended"),
+        (gone(off=True), "ended", "stop.ended"),
         (gone(fault=True), "nobody_stops", "stop.left_on"),
         (gone(unanswered=("left_knee",)), "drives_silent", "stop.left_on"),
         (gone("guardian"), "nobody_stops", "stop.left_on"),
-        (gone("guardian", kind="simulated"), "nobody_stops", "stop.ended"),
+        (gone("guardian", kind="simulated"), "ended", "stop.ended"),
+        (gone("guardian", enabled=False), "ended", "stop.ended"),
         (gone("guardian", ending=True), "nobody_stops", "stop.left_on"),
         (gone("guardian", "audit", ending=True, enabled=False), "ended", "stop.ended"),
         (gone("guardian", "audit", ending=True, off=True), "ended", "stop.ended"),
@@ -76,6 +78,7 @@ def gone(
         "a drive does not answer the guardian",
         "the guardian is gone too",
         "both gone, no drives",
+        "both gone, drives without power",
         "both gone while control ended the session",
         "control ended the session in order",
         "the guardian ended it",
@@ -91,3 +94,15 @@ def test_stop_is_not_asked_for_and_what_is_known_of_the_legs_is_told(state: Sess
     assert not shown.has_class("-live")
     for key in ("guide.nobody_stops", "guide.drives_silent", "stop.left_on"):
         assert "emergency stop" in tr(key)
+
+
+async def test_a_session_without_control_ends_without_a_question_about_legs_that_it_will_not_move(
+    console: Opener,
+) -> None:
+    async with console() as opened:
+        opened.host.state = GaitState.STANDING
+        await opened.until(opened.app.powered)
+        opened.host.control_ended = opened.host.silent = True
+        await opened.until(lambda: not opened.app.powered())
+        await opened.press("e")
+        await opened.shows("After the session")

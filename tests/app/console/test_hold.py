@@ -379,7 +379,7 @@ def test_a_control_that_has_ended_is_told_from_one_that_does_not_answer() -> Non
     assert READY.snapshot is not None
     silent = replace(READY, now_ns=READY.snapshot.at_ns + 1_000_000_000)
     assert next_step(silent)[0] == "control_silent"
-    assert next_step(without("control", silent))[0] == "control_ended"
+    assert next_step(without("control", silent))[0] == "ended"  # and with it its simulated joints
 
 
 def test_a_push_is_asked_for_only_where_it_begins_something() -> None:
