@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from app.ipc.messages import AuditHealth, GuardianHealth, LinkHealth, Preview, ProcessStatus, TriggerReport
 from app.ipc.snapshot import ActiveEvent, ControlSnapshot
 from app.ipc.states import Effect
-from app.ipc.streams import GUARDIAN, SNAPSHOT, TRIGGER
+from app.ipc.streams import AUDIT_HEALTH, GUARDIAN, SNAPSHOT, TRIGGER
 from app.session.latest import Latest
 from app.session.launch import MOVERS
 from app.system.config import SessionSetup
@@ -60,6 +60,11 @@ class SessionState:
     def report_fresh(self) -> bool:
         """Whether perception's newest report is recent."""
         return self.report is not None and self.now_ns - self.report.sent_ns < TRIGGER.stale_ms * 1e6
+
+    @property
+    def audit_silent(self) -> bool:
+        """Whether the audit process has spoken and does not any more: what is recorded now is lost."""
+        return self.audit is not None and self.now_ns - self.audit.at_ns > AUDIT_HEALTH.stale_ms * 1e6
 
     @property
     def stop_waits_ms(self) -> float:

@@ -95,7 +95,9 @@ class AfterScreen(ConsoleScreen):
         super().show_session(state)
         fault = state.audit.fault if state is not None and state.audit is not None else None
         text, shown = tr("after.unwritten", why=fault) if fault else "", self.query_one("#unwritten", Static)
-        shown.display = bool(fault)
+        if state is not None and state.audit_silent:
+            text = tr("after.no_trail")
+        shown.display = bool(text)
         if shown.content != text:
             shown.update(text)
 

@@ -36,19 +36,19 @@ class StopBar(Widget):
         """Take the session's newest state; None: no session."""
         dead = self._switch.live and state is not None and state.control_ended
         live = self._switch.live and not dead
-        effect, waits_ms = (None, 0.0) if state is None else (state.effect, state.stop_waits_ms)
-        legs = "held" if state is None or state.snapshot is None else legs_of(state.snapshot)
+        heard = state.snapshot if state is not None and state.snapshot_fresh else None  # a silent control heeds no key
+        effect, legs = (None, "held") if heard is None else (heard.effect, legs_of(heard))
+        waits_ms = 0.0 if state is None else state.stop_waits_ms
         self.text = tr("stop.sent", ms=f"{waits_ms:.0f}") if live and waits_ms > 0 else self._text_of(effect, legs)
         self.set_class(live, "-live")
-        held = effect is not None and effect >= Effect.HOLD
-        watched = self._watching and state is not None and state.snapshot_fresh
+        held = effect is not None and effect >= Effect.HOLD and (live or self._watching)
         if state is None:
             powerless = not live and self._switch.left_on
         else:
             powerless = state.abandoned if dead else not live and state.left_on
         if (dead or powerless) and not self._watching:
             self.text = tr("stop.left_on" if powerless else "stop.ended")
-        self.set_class(powerless or (held and (live or watched)), "-held")  # else it is what control said last
+        self.set_class(powerless or held, "-held")
 
     def render(self) -> Content:
         return Content(self.text)

@@ -96,6 +96,29 @@ def test_stop_is_not_asked_for_and_what_is_known_of_the_legs_is_told(state: Sess
         assert "emergency stop" in tr(key)
 
 
+@pytest.mark.parametrize("effect", [Effect.NOTE, Effect.HOLD, Effect.DAMP])
+def test_a_frozen_control_is_still_given_a_stop_and_no_other_key_is_named(effect: Effect) -> None:
+    state = replace(gone(), processes=READY.processes)
+    assert state.snapshot is not None
+    held = replace(state, snapshot=msgspec.structs.replace(state.snapshot, effect=effect))
+    switch = StopSwitch()
+    switch.connect(lambda: None)
+    shown = StopBar(switch, {"acknowledge": "k", "torque_off": "o"}, watching=False)
+    shown.show(held)
+    assert shown.text == tr("stop.ready", key=tr("key.space"))
+    assert shown.has_class("-live")
+    assert not shown.has_class("-held")
+
+
+async def test_a_note_that_no_audit_process_takes_is_not_said_to_be_in_the_trail(console: Opener) -> None:
+    async with console() as opened:
+        await opened.press("e")
+        await opened.shows("After the session")
+        assert not opened.app.screen.query_one("#unwritten").display
+        opened.host.silent = True
+        await opened.shows(tr("after.no_trail"))
+
+
 async def test_a_session_without_control_ends_without_a_question_about_legs_that_it_will_not_move(
     console: Opener,
 ) -> None:
