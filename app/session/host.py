@@ -174,7 +174,7 @@ class SessionHost:
         return replace(latest, stop_sent_ns=self._unacknowledged(latest.snapshot, latest.link))
 
     def processes(self) -> tuple[ProcessStatus, ...]:
-        """Each process and whether it lives, as the session's process last said; without that one, as far as we see.
+        """Each process, as the session's process last said, and whether it still lives: that one may be gone or frozen.
 
         May be called from another thread than the one that closes: it then stays as it was.
         """
@@ -182,7 +182,7 @@ class SessionHost:
             processes = None if self._closed else self._streams.processes()
             if processes is not None:
                 self._processes = processes
-            elif self._host is not None and not self._closed and not self._host_lives():
+            elif not self._closed:
                 self._processes = tuple(_with_liveness(one) for one in self._processes)
             return self._processes
 

@@ -131,6 +131,26 @@ def test_a_stop_from_before_the_takeover_is_acknowledged_after_it(tmp_path: Path
     shutil.rmtree(made.links.path)
 
 
+def test_a_process_is_seen_to_end_while_the_sessions_own_process_says_nothing(tmp_path: Path) -> None:
+    made = make_setup(Home(tmp_path), Config(), DEMO_PATIENT, None)
+    setup = msgspec.structs.replace(made, host_pid=os.getpid())  # lives, and reports no more
+    with (
+        closing(Publisher(address(setup.links, SESSION.name))) as session,
+        console_of(setup) as console,
+        subprocess.Popen([sys.executable, "-c", "input()"], stdin=subprocess.PIPE) as control,
+    ):
+        told = replace(ALIVE, pid=control.pid)
+        limit_s = time.monotonic() + 30.0
+        while not console.processes():
+            assert time.monotonic() < limit_s
+            session.send(SessionStatus(at_ns=time.monotonic_ns(), processes=(told,)))
+        control.kill()
+        control.wait()
+        while console.processes() != (replace(told, alive=False),):  # one status may still be on its way
+            assert time.monotonic() < limit_s
+    shutil.rmtree(made.links.path)
+
+
 def test_a_command_counts_from_its_key_and_without_one_from_now(tmp_path: Path) -> None:
     setup = make_setup(Home(tmp_path), Config(), DEMO_PATIENT, None)
     with closing(OrderedReceiver(address(setup.links, OPERATOR.name), OperatorCommand)) as control:
