@@ -152,6 +152,7 @@ class CalibrationScreen(ConsoleScreen):
                 drawn = bar(samples / wanted, BAR_CELLS)
                 self._show(lambda: f"{drawn} {samples}/{wanted}\n{render(hint)}")
             case Reason():
+                self._end_child()  # whose end would read as unexpected
                 self._show(lambda: f"✗ {render(message)}")
             case _:
                 self._result = message

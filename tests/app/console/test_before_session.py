@@ -133,6 +133,19 @@ async def test_another_language_leaves_a_calibration_as_it_is(console: Opener, h
     assert ProfileStore(home.profiles).load("demo").calibrations == (FOUND,)
 
 
+async def test_the_reason_why_a_calibration_failed_stays_in_sight(console: Opener) -> None:
+    async with console(profile=None, config=Config(model="/none.task")) as open_console:
+        await open_console.shows("demo")
+        await open_console.press("c")
+        await open_console.shows("Enter begins")
+        await open_console.press("enter")
+        await open_console.shows("Opening the camera")
+        screen = open_console.app.screen
+        assert isinstance(screen, CalibrationScreen)
+        await open_console.until(lambda: screen._worker is None)
+        await open_console.shows("/none.task")
+
+
 @pytest.mark.parametrize("typed", ["", "abc", "-3", "1e400", "nan", "9" * 500, "😀"])
 async def test_a_calibration_distance_that_is_none_is_reported(console: Opener, typed: str) -> None:
     async with console(profile=None) as open_console:
