@@ -134,16 +134,17 @@ def check_joints(config: Config) -> Iterator[Finding]:
     """The joints' buses, without asking the drives: `rleex can doctor` does."""
     if config.joints.host:
         return
-    if config.joints.kind != "can":
-        yield note(T.JOINTS, reason(F.JOINTS_SIMULATED))
-        return
     from app.diagnostics.can_doctor import examine as examine_can
     from app.system.config import load_device
     from hal.joints.can.bus import with_bus
 
     chosen = config.joints
     try:
-        device = with_bus(load_device(chosen), chosen.interface, chosen.channel)
+        device = load_device(chosen)
+        if chosen.kind != "can":
+            yield note(T.JOINTS, reason(F.JOINTS_SIMULATED))
+            return
+        device = with_bus(device, chosen.interface, chosen.channel)
     except HardwareError as error:
         yield bad(T.JOINTS, reason_of(error), None)  # it says itself what to do
         return

@@ -10,7 +10,7 @@ from msgspec import Struct
 
 from app.session.child import output_of
 from app.session.shared import Peer, encode, take_lease
-from app.system.config import Config, SessionSetup
+from app.system.config import Config, SessionSetup, load_device
 from app.system.legs_lock import claim_legs
 
 START_ORDER: tuple[str, ...] = ("audit", "perception", "guardian", "planner", "control")
@@ -29,10 +29,13 @@ class Launch(Struct, frozen=True, kw_only=True):
 def launch(setup: SessionSetup, entry: str, without: frozenset[str]) -> Peer:
     """Start a process of its own session, which no terminal's end reaches.
 
-    entry: as in `Launch`; without: processes that it is not to start. Raises AppError while the legs are another's.
+    entry: as in `Launch`; without: processes that it is not to start. Raises AppError while the legs are another's, and
+    HardwareError where the device's description can't be used.
     """
     claim_legs(setup).close()  # the session's process takes it; here it can be told why not
     order = tuple(name for name in _start_order(setup.config) if name not in without)
+    if "control" in order:
+        load_device(setup.config.joints)  # the same: control would end and leave the reason in its log alone
     start = Launch(setup=setup, entry=entry, order=order)
     take_lease(setup.links)
     output = output_of(setup, "session")

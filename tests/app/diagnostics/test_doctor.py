@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
+from typing import get_args
 
 import msgspec
 import pytest
@@ -26,7 +27,7 @@ from app.diagnostics.findings import Finding, Grade, note, show
 from app.link.keys import Peer, add_peer
 from app.link.server import JointsServer
 from app.link.wire import LinkFault
-from app.system.config import CameraConfig, Config, JointsConfig
+from app.system.config import CameraConfig, Config, JointsConfig, JointsKind
 from app.system.hand_model import MODEL_NAME
 from app.system.paths import Home
 from app.text.catalogue import knows, render, tr, use_language
@@ -254,12 +255,15 @@ def test_joints_on_can_are_examined(tmp_path: Path) -> None:
     config = Config(joints=JointsConfig(kind="can", interface="socketcan", channel="can77"))
     assert one(doctor.check_joints(config)).grade is Grade.BAD
     assert one(doctor.check_joints(Config())).grade is Grade.NOTE
-    broken = Config(joints=JointsConfig(kind="can", device=str(tmp_path / "none.toml")))
-    assert "none.toml" in rendered(one(doctor.check_joints(broken)))
+    for kind in get_args(JointsKind):
+        broken = Config(joints=JointsConfig(kind=kind, device=str(tmp_path / "none.toml")))
+        assert "none.toml" in rendered(one(doctor.check_joints(broken)))
     two = msgspec.structs.replace(load_exoskeleton(), buses=(BusDevice(channel="can0"), BusDevice(channel="can1")))
     (tmp_path / "two.toml").write_text(tomlkit.dumps(msgspec.to_builtins(two)))
     shared = Config(joints=JointsConfig(kind="can", device=str(tmp_path / "two.toml"), channel="can77"))
     assert one(doctor.check_joints(shared)).what.code == key_of(DeviceFault.CHANNEL_SHARED)
+    unused = msgspec.structs.replace(shared, joints=msgspec.structs.replace(shared.joints, kind="simulated"))
+    assert one(doctor.check_joints(unused)).grade is Grade.NOTE
 
 
 def test_the_command_ends_1_when_something_is_bad(tmp_path: Path) -> None:

@@ -27,9 +27,10 @@ from app.session.launch import START_ORDER, Launch, launch
 from app.session.setup import make_setup
 from app.session.shared import encode, take_lease
 from app.session.supervise import SessionProcesses, end_child
-from app.system.config import Config
+from app.system.config import Config, JointsConfig
 from app.system.errors import AppError
 from app.system.paths import Home
+from hal.errors import HardwareError
 from logs.reason import Reason
 from logs.records import Body, ProcessEnd
 from profiles.schema import DEMO_PATIENT
@@ -245,7 +246,6 @@ from pathlib import Path
 from app.session import child
 from app.session.setup import make_setup
 from app.system.config import Config
-from app.system.errors import AppError
 from app.system.paths import Home
 from profiles.schema import DEMO_PATIENT
 name, folder = sys.argv[1], Path(sys.argv[2])
@@ -339,6 +339,19 @@ def test_a_session_that_runs_out_of_descriptors_leaves_none_open(tmp_path: Path,
             launch(setup, "app.session.child:run_process", frozenset())
         resource.setrlimit(resource.RLIMIT_NOFILE, limits)
         assert set(Path("/proc/self/fd").iterdir()) == before
+    shutil.rmtree(setup.links.path)
+
+
+def test_a_device_that_can_not_be_read_is_named_before_anything_starts(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    config = Config(joints=JointsConfig(device=str(tmp_path / "gone.toml")))
+    setup = make_setup(Home(tmp_path), config, DEMO_PATIENT, None)
+    monkeypatch.setattr(sys, "executable", "/gone")
+    with pytest.raises(HardwareError, match=r"gone\.toml"):
+        launch(setup, "app.session.child:run_process", frozenset())
+    with pytest.raises(FileNotFoundError):  # a training needs no device
+        launch(setup, "app.session.child:run_process", frozenset({"control"}))
     shutil.rmtree(setup.links.path)
 
 
