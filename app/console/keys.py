@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import string
 from collections.abc import Iterable, Mapping
 from functools import partial
 from typing import TYPE_CHECKING
 
 from textual.app import App, SystemCommand
 from textual.binding import Binding
+from textual.keys import Keys
 from textual.screen import Screen
 
 from app.console.spoken import Sound
@@ -94,6 +96,11 @@ _MOVES = {"up", "down", "left", "right", "home", "end", "pageup", "pagedown", "p
 OF_SCREENS = frozenset("0123456789celnpruvy") | _MOVES | {"ctrl+s", "enter", "escape", "f5", "f6", "tab"}
 BESIDE_HAND = frozenset({"2", "ctrl+s", "e", "escape", "r", "tab", "v"})  # on the screens that have the keys of HAND
 
+_MODIFIERS = {"alt", "ctrl", "shift", "super", "hyper", "meta"}
+# Besides single characters; the comma stands between keys.
+_NAMED = {key.value.rpartition("+")[2] for key in Keys} | {"comma"}
+_NAMED |= {one.key for one in Binding.make_bindings((sign, "", "") for sign in string.punctuation.replace(",", ""))}
+
 # One key asks for the gesture of an action, on the digital hand as in the therapist's dialog.
 GESTURE_KEYS: dict[str, Gesture] = {gesture.value[0]: gesture for gesture in Gesture}
 HAND_STEP_M = 0.02
@@ -102,11 +109,7 @@ CLICK_S = 0.6  # push and draw back: quick for a person, eighteen pictures for t
 
 def check_keymap(keymap: Mapping[str, str]) -> None:
     """Raises AppError when the configuration names a key that isn't there, or one that means something else."""
-    known = {binding.id for binding in ALL}
-    for name in keymap:
-        if name not in known:
-            names = ", ".join(sorted(str(item) for item in known))
-            raise AppError(ConsoleFault.UNKNOWN_KEY_NAME, name=name, known=names)
+    _check_names(keymap)
     for place in ((*EVERYWHERE, *SESSION, *DIGITAL_HAND), (*EVERYWHERE, *PATIENTS)):
         taken: dict[str, str] = {}
         for binding in place:
@@ -122,10 +125,22 @@ def check_keymap(keymap: Mapping[str, str]) -> None:
                 raise AppError(ConsoleFault.KEY_RESERVED, key=key, name=binding.id)
 
 
+def _check_names(keymap: Mapping[str, str]) -> None:
+    known = {binding.id for binding in ALL}
+    for name in keymap:
+        if name not in known:
+            names = ", ".join(sorted(str(item) for item in known))
+            raise AppError(ConsoleFault.UNKNOWN_KEY_NAME, name=name, known=names)
+        for key in keymap[name].split(","):
+            *modifiers, last = key.strip().split("+")
+            if not set(modifiers) <= _MODIFIERS or (len(last) != 1 and last not in _NAMED):
+                raise AppError(ConsoleFault.NO_SUCH_KEY, key=key.strip(), name=name)
+
+
 def keys_of(id: str, keymap: Mapping[str, str]) -> tuple[str, ...]:  # noqa: A002 - Textual's own name
-    """The keys that do what `id` names."""
+    """The keys that do what `id` names, each as a key press names it: `slash` for `/`."""
     default = next(binding.key for binding in ALL if binding.id == id)
-    return tuple(key.strip() for key in keymap.get(id, default).split(","))
+    return tuple(one.key for one in Binding.make_bindings([(keymap.get(id, default), "", "")]))
 
 
 if TYPE_CHECKING:

@@ -14,6 +14,7 @@ class ConsoleFault(Enum):
     SESSION_ENDED = "session ended"
     NO_SESSION = "no session"
     UNKNOWN_KEY_NAME = "unknown key name"
+    NO_SUCH_KEY = "no such key"
     KEY_TAKEN = "key taken"
     KEY_RESERVED = "key reserved"
 

@@ -46,6 +46,34 @@ def test_an_unknown_name_is_refused_with_those_that_exist() -> None:
         keys.check_keymap({"fly": "f"})
 
 
+@pytest.mark.parametrize("key", ["spcae", "", "space,", "F5", "ctrl+", "control+k", "space;f12"])
+def test_a_key_that_there_is_not_is_refused(key: str) -> None:
+    """Else STOP would have none."""
+    with pytest.raises(AppError) as raised:
+        keys.check_keymap({"stop": key})
+    assert raised.value.code is ConsoleFault.NO_SUCH_KEY
+
+
+@pytest.mark.parametrize(
+    ("written", "pressed"),
+    [
+        ("space, f12", ("space", "f12")),
+        (".", ("full_stop",)),
+        ("alt+x", ("alt+x",)),
+        ("é", ("é",)),
+        ("shift+tab", ("shift+tab",)),
+    ],
+)
+def test_a_key_is_known_by_the_name_that_its_press_has(written: str, pressed: tuple[str, ...]) -> None:
+    keys.check_keymap({"stop": written})
+    assert keys.keys_of("stop", {"stop": written}) == pressed
+
+
+def test_a_sign_and_its_name_are_one_key() -> None:
+    with pytest.raises(AppError, match="KEY_TAKEN key=slash "):
+        keys.check_keymap({"patients.new": "/"})
+
+
 def test_one_key_for_two_things_is_refused() -> None:
     with pytest.raises(AppError, match="KEY_TAKEN key=a "):
         keys.check_keymap({"confirm": "a"})
