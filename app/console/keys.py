@@ -86,7 +86,7 @@ PATIENTS = (
     _key("patients.vocabulary", "g", "vocabulary", show=False),
     _key("patients.review", "r", "review"),
     _key("patients.order", "s", "order", show=False),
-    _key("patients.search", "slash", "search"),
+    _key("patients.search", "slash", "go_to('#search')", priority=True),
 )
 ALL = (*EVERYWHERE, *SESSION, *DIGITAL_HAND, *PATIENTS)
 

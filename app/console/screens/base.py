@@ -9,14 +9,15 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar, cast
 
 from textual import events, on
+from textual.actions import SkipAction
 from textual.app import ComposeResult
 from textual.await_complete import AwaitComplete
 from textual.await_remove import AwaitRemove
-from textual.binding import ActiveBinding, BindingType
+from textual.binding import ActiveBinding, Binding, BindingType
 from textual.geometry import Size
 from textual.screen import ModalScreen, Screen
 from textual.widget import Widget
-from textual.widgets import Input, OptionList, Select
+from textual.widgets import Button, Input, OptionList, Select
 
 from app.console.state import SessionState
 from app.console.widgets.bars import KeyBar, StopBar
@@ -35,6 +36,12 @@ T = TypeVar("T")
 class _Console(Screen[T], Generic[T]):
     """Common ground of screens and dialogs."""
 
+    # Before the next key is given to a field: after a stall all keys are there at once, and Textual would give them to
+    # the field that had the focus before the first of them was worked on.
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("tab", "leave_field(True)", show=False, priority=True),
+        Binding("shift+tab", "leave_field(False)", show=False, priority=True),
+    ]
     HELP_PAGE = ""  # name of the contextual help in the language files
     composed = False  # its widgets are there; not while `recompose` makes them anew
     _styled_for = ""  # the theme that its widgets' styles were made for
@@ -135,6 +142,21 @@ class _Console(Screen[T], Generic[T]):
             return then(result)
 
         return answer
+
+    def action_leave_field(self, forward: bool) -> None:
+        """To the next one, or back; elsewhere Tab is as every other key, and a screen may give it a meaning."""
+        if not isinstance(self.focused, (Input, Select, Button)):
+            raise SkipAction
+        if forward:
+            self.focus_next()
+        else:
+            self.focus_previous()
+
+    def action_go_to(self, field: str) -> None:
+        """Into this field, before the next key; in a field the key is a letter."""
+        if isinstance(self.focused, Input):
+            raise SkipAction
+        self.set_focus(self.query_one(field))
 
     def keep(self) -> bool:
         """Keep what would be lost if the program ended now; False: it can't, or nobody knows whether it should."""

@@ -49,8 +49,8 @@ class CompareScreen(HandKeys):
     AUTO_FOCUS = ""
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape,v", "back", "bind.cancel"),
-        Binding("2", "focus_field('#second')", "bind.compare.second"),
-        Binding("r", "focus_field('#ruler')", "bind.compare.ruler"),
+        Binding("2", "go_to('#second')", "bind.compare.second", priority=True),
+        Binding("r", "go_to('#ruler')", "bind.compare.ruler", priority=True),
         *(binding for binding in keys.HAND if binding.key not in _OWN),
     ]
 
@@ -123,10 +123,6 @@ class CompareScreen(HandKeys):
         self.set_focus(None)
         if event.input.id == "second":
             self.run_worker(self._open(event.value.strip()))
-
-    def action_focus_field(self, field: str) -> None:
-        """Type into it."""
-        self.query_one(field).focus()
 
     def action_back(self) -> None:
         """To the session; what was compared is kept."""

@@ -122,10 +122,6 @@ class PatientList(ConsoleScreen):
         self._fill()
         self.query_one(DataTable).move_cursor(row=0)
 
-    def action_search(self) -> None:
-        """To the search field."""
-        self.set_focus(self.query_one("#search", Input))  # at once: letters that wait behind this key are no commands
-
     def _chosen(self) -> Profile | None:
         table = self.query_one(DataTable)
         if not table.row_count:

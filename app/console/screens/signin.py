@@ -8,6 +8,7 @@ from enum import Enum, auto
 from functools import partial
 from typing import ClassVar
 
+from textual.actions import SkipAction
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Vertical
@@ -37,7 +38,7 @@ class SignInDialog(Dialog[Authority]):
 
     HELP_PAGE = "sign_in"
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("tab,enter", "go_to_pin", "sign_in.pin", show=False, priority=True),
+        Binding("enter", "leave_name", show=False, priority=True),
     ]
 
     def __init__(self, *, unlock: str = "", held: SessionSetup | None = None) -> None:
@@ -101,13 +102,11 @@ class SignInDialog(Dialog[Authority]):
         if not self._unlock:
             self.dismiss(None)
 
-    def action_go_to_pin(self) -> None:
-        """Before the next key is given to a field: the name is shown, and recorded with a refusal."""
-        self.set_focus(self.query_one("#pin"))
-
-    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:  # noqa: ARG002
-        """From the name alone; elsewhere both keys do what they do in every field."""
-        return action != "go_to_pin" or (self.focused is not None and self.focused.id == "name")
+    def action_leave_name(self) -> None:
+        """Enter there goes on to the PIN, before the next key is given to a field."""
+        if self.focused is None or self.focused.id != "name":
+            raise SkipAction
+        self.focus_next()
 
     def _sign_in(self, name: str, pin: str) -> Authority:
         attempt = try_pin(self.console_app.home.keys, name, pin, time.time())

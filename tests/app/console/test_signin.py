@@ -396,21 +396,3 @@ async def _begin_as(open_console: Console, name: str, pin: str) -> None:
     await _choose_and_begin(open_console)
     await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
     await open_console.sign_in(name, pin)
-
-
-@pytest.mark.parametrize("between", ["tab", "enter"])
-async def test_a_pin_typed_while_the_console_is_busy_is_not_shown_as_the_name(
-    console: Opener, home: Home, between: str
-) -> None:
-    """All keys are there before the first one is worked on, as after a stall."""
-    save_store(home.keys, add_operator(load_store(home.keys), "Ada", Role.ENGINEER, PIN))
-    async with console(profile=None, config=Config(joints=JointsConfig(kind="can"))) as open_console:
-        await open_console.shows("demo")
-        await open_console.press("f4")
-        await open_console.until(lambda: isinstance(open_console.app.screen, SignInDialog))
-        await open_console.until(lambda: (now := open_console.app.focused) is not None and now.id == "name")
-        for key in ("A", "d", "a", between, *PIN):
-            open_console.app.post_message(events.Key(key, key if len(key) == 1 else None))
-        screen = open_console.app.screen
-        await open_console.until(lambda: sum(len(field.value) for field in screen.query(Input)) == len("Ada" + PIN))
-        assert [field.value for field in screen.query(Input)] == ["Ada", PIN]
