@@ -101,18 +101,20 @@ class _Trace:
         farthest_m = max((each.safe_m for each in self._samples if each.safe_m is not None), default=0.0)
         self._top_m = near_top_m if farthest_m < near_top_m else max(FAR_TOP_M, near_top_m)
         self._threshold_m = threshold_m
+        self._label = f"{threshold_m * 100:.1f}".removesuffix(".0") + " cm"
 
     def lines(self) -> Lines:
-        """Threshold, band, trace, marks, in this order of covering."""
+        """Threshold, band, trace, signs, the threshold's figure, a reason, in this order of covering."""
         canvas, limit = self._canvas, self._y(self._threshold_m)
         canvas.pen = "$warning"
         canvas.line(0, limit, canvas.width - 1, limit, every=3)
         self._band()
         self._line()
-        label = f"{self._threshold_m * 100:.1f}".removesuffix(".0") + " cm"
-        if canvas.columns >= 4 * cells(label):
-            canvas.text(0, limit // 4, label, "$warning")
-        self._marks()
+        shown = [(self._x(mark.at_ns) // 2, mark) for mark in self._push.marks if self._x(mark.at_ns) >= 0]
+        self._signs(shown)
+        if canvas.columns >= 4 * cells(self._label):
+            canvas.text(0, limit // 4, f"{self._label} ", "$warning")
+        self._reason(shown)
         return canvas.lines()
 
     def _band(self) -> None:
@@ -132,14 +134,16 @@ class _Trace:
                 y0, y1 = self._y(a.safe_m), self._y(b.safe_m)
                 canvas.line(self._x(a.at_ns), y0, self._x(b.at_ns), y1)
 
-    def _marks(self) -> None:
-        """Each sign where it happened; the newest reason is written there."""
-        shown = [(self._x(mark.at_ns) // 2, mark) for mark in self._push.marks if self._x(mark.at_ns) >= 0]
+    def _signs(self, shown: list[tuple[int, Mark]]) -> None:
+        """Each where it happened."""
         for column, mark in shown:
             row = self._row(mark)
             self._canvas.text(column, row, mark.kind.value, _STYLES[mark.kind])
             if mark.kind is MarkKind.RELEASED and mark.text:
                 self._write(column, row, mark.text, _STYLES[mark.kind], rows=1)
+
+    def _reason(self, shown: list[tuple[int, Mark]]) -> None:
+        """The newest one, at its sign."""
         nothing = [(column, mark) for column, mark in shown if mark.kind is MarkKind.NOTHING]
         for column, mark in nothing[-1:]:
             self._write(column, self._row(mark), mark.text, "$warning", rows=self._canvas.rows)
@@ -148,14 +152,20 @@ class _Trace:
         """Right of the sign, or left of it, or else over the whole width, from the row above."""
         width, long = self._canvas.columns, cells(text)
         if column + 2 + long <= width:
-            self._canvas.text(column + 1, row, f" {text}", style)
+            self._put(column + 1, row, f" {text}", style)
         elif long + 1 <= column:
-            self._canvas.text(column - 1 - long, row, f"{text} ", style)
+            self._put(column - 1 - long, row, f"{text} ", style)
         else:
             parts = wrapped(text, width)[:rows]
             first = row - len(parts) if row >= len(parts) else min(row + 1, self._canvas.rows - len(parts))
             for at, part in enumerate(parts):
-                self._canvas.text(0, max(0, first) + at, part, style)
+                self._put(0, max(0, first) + at, part, style)
+
+    def _put(self, column: int, row: int, text: str, style: str) -> None:
+        """In place of the whole figure of the threshold where it would cover a part of it."""
+        if row == self._y(self._threshold_m) // 4 and column <= cells(self._label):
+            self._canvas.text(0, row, " " * cells(self._label))
+        self._canvas.text(column, row, text, style)
 
     def _row(self, mark: Mark) -> int:
         """Where the trace was then; on the threshold's row if there was no distance."""

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import pytest
+
 from app.console.widgets.panel import Lines
-from app.console.widgets.push import MarkKind, Push, draw_push
+from app.console.widgets.push import Mark, MarkKind, Push, draw_push
 from app.ipc.messages import TriggerReport
 from kgdfa.gesture import Gesture
 
@@ -56,6 +58,17 @@ def test_press_and_release_stand_under_and_over_the_threshold() -> None:
     up = next(at for at, row in enumerate(text) if "▲ 5" in row)
     assert up < threshold < down
     assert text[down].index("▼") < text[up].index("▲")
+
+
+@pytest.mark.parametrize(("kind", "text"), [(MarkKind.PRESSED, ""), (MarkKind.RELEASED, "5"), (MarkKind.NOTHING, WHY)])
+def test_nothing_stands_over_a_part_of_the_threshold(kind: MarkKind, text: str) -> None:
+    """A sign or a letter over one of its digits would make another figure of it."""
+    push = Push()
+    push.take(report(1, 0.20), "")
+    push.marks.append(Mark(FRAME_NS, kind, text))
+    for number in range(1, 122):
+        row = next(row for row in rows_of(drawn(push, number)) if row.strip())
+        assert row.startswith("20 cm ") or row.strip().startswith(WHY)
 
 
 def test_why_a_push_gave_nothing_is_written_at_its_point() -> None:
