@@ -109,6 +109,8 @@ _UNITS: dict[str, dict[str, float]] = {
     "s": {"s": 1.0, "ms": 0.001, "min": 60.0, "h": 3600.0},
     "": {"%": 0.01},
 }
+# A Chinese keyboard's digits, letters and signs of two cells, and its comma of lists.
+_HALF_WIDTH = str.maketrans({wide: wide - 0xFEE0 for wide in range(0xFF01, 0xFF5F)} | {"、": ","})
 _NUMBER = re.compile(r"([+-]?(?:\d+(?:[.,]\d*)?|[.,]\d+)(?:[eE][+-]?\d{1,3})?)\s*(\D*)")
 
 
@@ -144,6 +146,11 @@ def parse(typed: dict[str, str], base: Profile) -> Parsed:
     return Parsed(None if errors else profile, errors)
 
 
+def half_width(text: str) -> str:
+    """For what is read, never for what somebody has written: `１７０．５` means 170.5."""
+    return text.translate(_HALF_WIDTH)
+
+
 def _value(field: Field, text: str) -> str | float | Reason | None:
     """The SI value, or why there is none."""
     if field.path == "identifier" and not text:
@@ -162,7 +169,7 @@ def _value(field: Field, text: str) -> str | float | Reason | None:
 
 def _codes(field: Field, text: str) -> list[str] | Reason:
     known = [str(one.value) for one in field.choices or ()]
-    typed = text.replace(",", " ").split()
+    typed = half_width(text).replace(",", " ").split()
     unknown = next((one for one in typed if one not in known), None)
     if unknown is not None:
         return reason(FieldFault.UNKNOWN_CODE, text=_quoted(unknown), known=" ".join(known))
@@ -170,7 +177,7 @@ def _codes(field: Field, text: str) -> list[str] | Reason:
 
 
 def _number(text: str, unit: str) -> float | Reason:
-    found = _NUMBER.fullmatch(text)
+    found = _NUMBER.fullmatch(half_width(text))
     if found is None:
         return reason(FieldFault.NOT_A_NUMBER, text=_quoted(text), unit=unit or "–")
     typed_unit = found[2].strip()

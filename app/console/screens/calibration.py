@@ -14,6 +14,7 @@ from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.widgets import Input, Label, Static
 
+from app.console.patient_fields import half_width
 from app.console.screens.base import ConsoleScreen
 from app.console.screens.dialogs import Wording, ask
 from app.console.state import SessionState
@@ -90,7 +91,7 @@ class CalibrationScreen(ConsoleScreen):
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """Begin, at the typed distance."""
         try:
-            distance_cm = float(event.value.replace("cm", "").replace(",", "."))
+            distance_cm = float(half_width(event.value).replace("cm", "").replace(",", "."))
         except ValueError:
             distance_cm = math.nan
         if not NEAREST_CM <= distance_cm <= FARTHEST_CM:

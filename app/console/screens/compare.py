@@ -17,6 +17,7 @@ from textual.containers import Horizontal
 from textual.widgets import Input, Label
 
 from app.console import keys
+from app.console.patient_fields import half_width
 from app.console.screens.hand_keys import HandKeys
 from app.console.state import SessionState
 from app.console.widgets.comparison import FrameCount, camera_lines, no_image_lines, own_depth_lines, table_lines
@@ -180,7 +181,7 @@ class CompareScreen(HandKeys):
     def _set_ruler(self, typed: str) -> bool:
         """Whether it is a distance."""
         try:
-            cm = float(typed.replace(",", ".")) if typed.strip() else 0.0
+            cm = float(half_width(typed).replace(",", ".")) if typed.strip() else 0.0
         except ValueError:
             cm = -1.0
         if not 0 <= cm <= LONGEST_CM:

@@ -18,7 +18,22 @@ from profiles.schema import DEMO_PATIENT, GestureUsed, HandUsed, Palm
 NUMBERS = [field for field in FIELDS if field.kind in (Kind.NUMBER, Kind.OPTIONAL, Kind.WHOLE)]
 PATHS = [field.path for field in FIELDS]
 CODES = [one.value for one in GestureUsed]
-BAD = ["abc", "1e999", "nan", "inf", "-", "--5", "5 furlongs", "😀", "\x1b[31m", "9" * 10_000, "٣٤ kg?", "1,2,3"]
+BAD = [
+    "abc",
+    "1e999",
+    "nan",
+    "inf",
+    "-",
+    "--5",
+    "5 furlongs",
+    "😀",
+    "\x1b[31m",
+    "9" * 10_000,
+    "٣٤ kg?",
+    "1,2,3",
+    "－１２．５",
+    "1²",
+]
 
 
 def test_what_is_shown_is_read_back_as_the_same_profile() -> None:
@@ -33,14 +48,23 @@ def test_what_is_shown_is_read_back_as_the_same_profile() -> None:
 
 
 def test_a_vocabulary_is_typed_as_its_gestures() -> None:
-    profile = parse(to_texts(DEMO_PATIENT) | {"vocabulary": "0, 1 rock"}, DEMO_PATIENT).profile
-    assert profile is not None
-    assert profile.vocabulary == (GestureUsed.ZERO, GestureUsed.ONE, GestureUsed.ROCK)
+    for typed in ("0, 1 rock", "０，１、ｒｏｃｋ"):
+        profile = parse(to_texts(DEMO_PATIENT) | {"vocabulary": typed}, DEMO_PATIENT).profile
+        assert profile is not None
+        assert profile.vocabulary == (GestureUsed.ZERO, GestureUsed.ONE, GestureUsed.ROCK)
 
 
 @pytest.mark.parametrize(
     ("typed", "stature_m"),
-    [("170", 1.70), ("170 cm", 1.70), ("1.70 m", 1.70), ("1,70m", 1.70), ("1700 mm", 1.70), (" 165,5 ", 1.655)],
+    [
+        ("170", 1.70),
+        ("170 cm", 1.70),
+        ("1.70 m", 1.70),
+        ("1,70m", 1.70),
+        ("1700 mm", 1.70),
+        (" 165,5 ", 1.655),
+        ("１６５．５ｃｍ", 1.655),
+    ],
 )
 def test_units_are_understood(typed: str, stature_m: float) -> None:
     profile = parse(to_texts(DEMO_PATIENT) | {"stature_m": typed}, DEMO_PATIENT).profile
