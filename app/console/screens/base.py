@@ -248,5 +248,6 @@ class Dialog(_Console[T], ModalScreen[T]):
 
 
 def text_of(key: str) -> str:
-    """Ours by the catalogue; Textual's own bindings bring their text along."""
+    """By the catalogue; of Textual's own bindings one is shown, that of an open choice."""
+    key = "bind.cancel" if key == "Dismiss menu" else key
     return tr(key) if knows(key) else key

@@ -138,6 +138,7 @@ async def test_a_choice_that_was_open_is_closed_and_can_be_opened_again(console:
         assert again.has_focus
         await opened.press("enter")
         await opened.until(lambda: again.expanded)
+        await opened.shows(tr("bind.cancel"))  # in Textual's words it would stay English
 
 
 async def test_a_reviewed_session_stays_at_its_record(home: Home) -> None:
