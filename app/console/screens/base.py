@@ -182,7 +182,7 @@ class _Console(Screen[T], Generic[T]):
         """The keys in force, described in the therapist's language."""
         return {
             key: active._replace(
-                binding=replace(active.binding, description=text_of(active.binding.description)),
+                binding=replace(active.binding, description=text_of(_named(active.binding))),
                 tooltip=text_of(active.tooltip),
             )
             for key, active in self.bindings_in_force.items()
@@ -247,7 +247,12 @@ class Dialog(_Console[T], ModalScreen[T]):
         self.dismiss(None)
 
 
+def _named(binding: Binding) -> str:
+    """Of Textual's own bindings one is shown: that of an open choice."""
+    ours = binding.action != "dismiss" or knows(binding.description)
+    return binding.description if ours else "bind.cancel"
+
+
 def text_of(key: str) -> str:
-    """By the catalogue; of Textual's own bindings one is shown, that of an open choice."""
-    key = "bind.cancel" if key == "Dismiss menu" else key
+    """Ours by the catalogue; Textual's own bindings bring their text along."""
     return tr(key) if knows(key) else key
