@@ -37,7 +37,7 @@ def supported(share: float) -> Patient:
 def bends(amounts_rad: tuple[float, float, float, float]) -> Array:
     """Each joint from straight to the given angle and back, smoothly, (n, 4)."""
     bend: Array = (1 - np.cos(2 * np.pi * TIME_S / TIME_S[-1])) / 2
-    return bend[:, None] * np.array(amounts_rad)
+    return np.multiply.outer(bend, amounts_rad)
 
 
 def on_left_foot(who: Patient, joints_rad: Array, left_share: float, lean_rad: float) -> Path:
@@ -101,7 +101,7 @@ def masses(who: Patient, path: Path) -> list[Mass]:
 
 def energy(segments: list[Mass]) -> Array:
     """Kinetic and potential, (n,) joules."""
-    return np.sum(
+    total: Array = np.sum(
         [
             mass * (GRAVITY_M_S2 * place[:, 1] + (rate(place) ** 2).sum(axis=1) / 2)
             + mass * gyration**2 * rate(angle) ** 2 / 2
@@ -109,6 +109,7 @@ def energy(segments: list[Mass]) -> Array:
         ],
         axis=0,
     )
+    return total
 
 
 def assert_power_is_balanced(who: Patient, path: Path) -> None:
