@@ -36,8 +36,9 @@ class StopBar(Widget):
         """Take the session's newest state; None: no session."""
         dead = self._switch.live and state is not None and state.control_ended
         live = self._switch.live and not dead
-        heard = state.snapshot if state is not None and state.snapshot_fresh else None  # a silent control heeds no key
-        effect, legs = (None, "held") if heard is None else (heard.effect, legs_of(heard))
+        # a silent control takes no key but STOP, once it goes on
+        received = state.snapshot if state is not None and state.snapshot_fresh else None
+        effect, legs = (None, "held") if received is None else (received.effect, legs_of(received))
         waits_ms = 0.0 if state is None else state.stop_waits_ms
         self.text = tr("stop.sent", ms=f"{waits_ms:.0f}") if live and waits_ms > 0 else self._text_of(effect, legs)
         self.set_class(live, "-live")
