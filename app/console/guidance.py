@@ -222,9 +222,10 @@ def _ending(state: SessionState) -> bool:
     return any(event.event in ENDINGS for event in state.events)
 
 
-def _known_off(state: SessionState) -> bool:
+def _known_off(state: SessionState, now: ControlSnapshot | None) -> bool:
     """Control has ended here, or on the other computer in order, and it or the guardian switched the drives off."""
-    return state.control_ended and not state.left_on and (_gone(state, "control") or _ending(state))
+    ended = state.control_ended and (_gone(state, "control") or _ending(state))
+    return ended and not state.left_on and now is not None and legs_of(now) != "unconfirmed"
 
 
 _Applies = Callable[[SessionState, ControlSnapshot | None], bool]
@@ -233,7 +234,7 @@ _STEPS: tuple[tuple[_Applies, str, str], ...] = (
     (lambda state, now: now is None and _down(state), "process_down", "bold $error"),
     (lambda _, now: now is None, "starting", "$text-muted"),
     (lambda state, _: state.unanswered and (state.left_on or not state.snapshot_fresh), "drives_silent", "bold $error"),
-    (lambda state, _: _known_off(state), "ended", "bold $warning"),
+    (_known_off, "ended", "bold $warning"),
     (lambda state, _: state.abandoned and _gone(state, "control"), "nobody_stops", "bold $error"),
     (lambda state, _: _ending(state) and not _gone(state, "audit"), "ending", "bold $warning"),
     (lambda state, _: not state.snapshot_fresh and _gone(state, "guardian"), "nobody_stops", "bold $error"),

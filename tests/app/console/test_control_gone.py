@@ -23,13 +23,16 @@ from tests.app.console.test_sizes import READY
 
 SECOND_NS = 1_000_000_000
 ENDS = (event(Event.SHUTDOWN_DAMPING, Effect.DAMP),)
+SILENT = (event(Event.JOINT_TIMEOUT, Effect.HOLD),)
 
 
 def gone(
     *processes: str,
     kind: JointsKind = "can",
     enabled: bool = True,
+    state: GaitState = GaitState.STANDING,
     ending: bool = False,
+    silent: bool = False,
     off: bool = False,
     fault: bool = False,
     unanswered: tuple[str, ...] = (),
@@ -46,11 +49,12 @@ def gone(
         unanswered=unanswered,
     )
     config = msgspec.structs.replace(READY.setup.config, joints=JointsConfig(kind=kind))
+    events = (*(ENDS if ending else ()), *(SILENT if silent else ()))
     return replace(
         READY,
         now_ns=now_ns,
         setup=msgspec.structs.replace(READY.setup, config=config),
-        snapshot=msgspec.structs.replace(READY.snapshot, enabled=enabled, events=ENDS if ending else ()),
+        snapshot=msgspec.structs.replace(READY.snapshot, enabled=enabled, state=state, events=events),
         guardian=health,
         processes=tuple(msgspec.structs.replace(one, alive=one.name not in ended) for one in READY.processes),
     )
@@ -66,6 +70,7 @@ def gone(
         (gone("guardian"), "nobody_stops", "stop.left_on"),
         (gone("guardian", kind="simulated"), "ended", "stop.ended"),
         (gone("guardian", enabled=False), "ended", "stop.ended"),
+        (gone("guardian", enabled=False, silent=True, state=GaitState.UNPOWERED), "nobody_stops", "stop.ended"),
         (gone("guardian", ending=True), "nobody_stops", "stop.left_on"),
         (gone("guardian", "audit", ending=True, enabled=False), "ended", "stop.ended"),
         (gone("guardian", "audit", ending=True, off=True), "ended", "stop.ended"),
@@ -79,6 +84,7 @@ def gone(
         "the guardian is gone too",
         "both gone, no drives",
         "both gone, drives without power",
+        "both gone, a drive without power that did not answer",
         "both gone while control ended the session",
         "control ended the session in order",
         "the guardian ended it",
