@@ -112,8 +112,9 @@ class SessionState:
     def abandoned(self) -> bool:
         """Whether drives were left on and the guardian does not damp them: nothing can stop the legs."""
         guardian = self.guardian
-        silent = guardian is None or self.now_ns - guardian.at_ns > GUARDIAN.stale_ms * 1e6
-        return self.left_on and (silent or guardian.fault is not None or self.unanswered)
+        if guardian is None or self.now_ns - guardian.at_ns > GUARDIAN.stale_ms * 1e6:
+            return self.left_on
+        return self.left_on and (guardian.fault is not None or self.unanswered)
 
     @property
     def ended_processes(self) -> tuple[ProcessStatus, ...]:
