@@ -57,7 +57,7 @@ def _recorders(state: SessionState) -> list[ProcessStatus]:
 
 def _processes_run(state: SessionState, besides: str = "") -> bool:
     needed = [one for one in state.all_processes if one.name not in RECORDERS]
-    return len(needed) >= 5 and all(one.alive or one.name == besides for one in needed)
+    return len(needed) >= 5 and not state.misses_process and all(one.alive or one.name == besides for one in needed)
 
 
 CHECKS = (
@@ -68,7 +68,7 @@ CHECKS = (
         must=False,
         applies=lambda state: bool(_recorders(state)),
     ),
-    Check("audit", lambda state: state.audit is not None and not state.audit.fault),
+    Check("audit", lambda state: state.audit is not None and not state.audit.fault and not state.audit_silent),
     Check("control", lambda state: state.snapshot_fresh),
     Check("joints", lambda state: state.snapshot is not None and not any(map(joint_fault, state.snapshot.joints))),
     Check(

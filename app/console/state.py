@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from app.ipc.messages import AuditHealth, GuardianHealth, LinkHealth, Preview, ProcessStatus, TriggerReport
 from app.ipc.snapshot import ActiveEvent, ControlSnapshot
-from app.ipc.states import Effect
+from app.ipc.states import Effect, Event
 from app.ipc.streams import AUDIT_HEALTH, GUARDIAN, SNAPSHOT, TRIGGER
 from app.session.latest import Latest
 from app.session.launch import MOVERS
@@ -131,6 +131,12 @@ class SessionState:
         """Unacknowledged ones first, the strongest of them on top, then the newest."""
         found = () if self.snapshot is None else self.snapshot.events
         return tuple(sorted(found, key=lambda event: (event.acknowledged, -event.effect, -event.since_ns)))
+
+    @property
+    def misses_process(self) -> bool:
+        """Whether control waits for a process without which nothing begins; it may be frozen."""
+        needed = (Event.AUDIT_TIMEOUT, Event.GUARDIAN_TIMEOUT)
+        return any(one.present and one.event in needed for one in self.events)
 
     @property
     def has_stop_inputs(self) -> bool:

@@ -37,8 +37,9 @@ def health_of(state: SessionState) -> Health:
         return Health.BAD if state.fault else Health.SLOW
     ended = {process.name for process in state.all_processes if not process.alive}
     unwritten = state.audit is not None and state.audit.fault is not None
+    missing = ended - RECORDERS or state.misses_process
     blind = not state.starting if report is None else bool(report.camera_fault) or not state.report_fresh
-    if blind or not state.snapshot_fresh or ended - RECORDERS or unwritten or any(map(joint_fault, snapshot.joints)):
+    if blind or not state.snapshot_fresh or missing or unwritten or any(map(joint_fault, snapshot.joints)):
         return Health.BAD
     late = snapshot.lateness.p99_ms > LATE_MS or snapshot.report_age_ms > SLOW_MS
     slow = report is None or late or report.fps < LEAST_FPS or not snapshot.real_time.fifo

@@ -324,6 +324,22 @@ def without(name: str, state: SessionState = READY) -> SessionState:
     return replace(state, processes=(*ended, *(one for one in state.processes if one.name != name)))
 
 
+@pytest.mark.parametrize("cause", [Event.AUDIT_TIMEOUT, Event.GUARDIAN_TIMEOUT])
+def test_a_frozen_process_without_which_nothing_begins_is_a_check_that_fails(cause: Event) -> None:
+    state = changed(armed=False, events=(event(cause, Effect.REFUSE),))
+    assert next_step(changed(armed=False, events=()))[0] == "arm"
+    assert next_step(state)[0] == "checks"
+    assert results(state)["processes"] is Light.RED
+    assert health_of(state) is Health.BAD
+
+
+def test_an_audit_process_that_says_nothing_more_is_no_trail_that_is_written() -> None:
+    assert READY.audit is not None
+    old = msgspec.structs.replace(READY.audit, at_ns=READY.now_ns - 500_000_000)
+    assert results(READY)["audit"] is Light.GREEN
+    assert results(replace(READY, audit=old))["audit"] is Light.RED
+
+
 @pytest.mark.parametrize("name", ["audit", "guardian", "planner"])
 def test_what_a_process_that_stays_down_leaves_to_do_is_told(name: str) -> None:
     assert next_step(without(name))[0] == "process_ended"
