@@ -43,6 +43,8 @@ def run_console(home: Home, config: Config, *, straight: bool = False, read_only
     finally:
         if left:
             app.close_live()
+            if app.switch.left_on:  # its bar is gone
+                sys.stderr.write(f"{tr('stop.left_on')}\n")
             if app.left_held and held is not None:
                 sys.stderr.write(f"{tr('console.left_held', limit_s=held.config.unattended_s)}\n")
         elif app.live is not None:  # a defect of the console ends no session: another console takes it over

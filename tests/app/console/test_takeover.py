@@ -23,6 +23,7 @@ from app.system.config import Config, JointsConfig, Purpose, SessionSetup
 from app.system.errors import AppError
 from app.system.operators import Role, add_operator, load_store, may_take_over, save_store
 from app.system.paths import Home
+from app.text.catalogue import tr
 from logs.journal import OPERATORS
 from logs.read import records
 from logs.records import SignInFailed
@@ -198,6 +199,16 @@ def test_who_leaves_before_the_takeover_is_done_reads_that_the_session_stays(
     reported = capsys.readouterr().err
     assert "`rleex run` takes it over" in reported
     assert "120 seconds" in reported
+
+
+@pytest.mark.parametrize("left_on", [True, False])
+def test_who_leaves_legs_that_may_be_held_reads_it_in_the_terminal(
+    home: Home, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], left_on: bool
+) -> None:
+    monkeypatch.setattr("app.console.run.set_scheduling", lambda _: True)
+    monkeypatch.setattr(ConsoleApp, "run", lambda app: setattr(app.switch, "left_on", left_on))
+    run_console(home, Config())
+    assert (tr("stop.left_on") in capsys.readouterr().err) is left_on
 
 
 def test_a_session_that_is_held_for_a_laptop_is_left_to_rleex_joints(
