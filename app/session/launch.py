@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import sys
 from contextlib import suppress
+from pathlib import Path
 
 from msgspec import Struct
 
 from app.session.child import output_of
 from app.session.shared import Peer, encode, take_lease
-from app.system.config import Config, SessionSetup, load_device
+from app.system.config import Config, JointsConfig, SessionSetup, load_device
 from app.system.legs_lock import claim_legs
 
 START_ORDER: tuple[str, ...] = ("audit", "perception", "guardian", "planner", "control")
@@ -30,12 +31,12 @@ def launch(setup: SessionSetup, entry: str, without: frozenset[str]) -> Peer:
     """Start a process of its own session, which no terminal's end reaches.
 
     entry: as in `Launch`; without: processes that it is not to start. Raises AppError while the legs are another's, and
-    HardwareError where the device's description can't be used.
+    HardwareError where device or motor table can't be used.
     """
-    claim_legs(setup).close()  # the session's process takes it; here it can be told why not
     order = tuple(name for name in _start_order(setup.config) if name not in without)
     if "control" in order:
-        load_device(setup.config.joints)  # the same: control would end and leave the reason in its log alone
+        _check_device(setup.config.joints)
+    claim_legs(setup).close()  # the session's process takes it; here it can be told why not
     start = Launch(setup=setup, entry=entry, order=order)
     take_lease(setup.links)
     output = output_of(setup, "session")
@@ -64,6 +65,16 @@ def launch(setup: SessionSetup, entry: str, without: frozenset[str]) -> Peer:
     with os.fdopen(writes, "wb") as pipe, suppress(BrokenPipeError):
         pipe.write(encode(start))
     return host
+
+
+def _check_device(joints: JointsConfig) -> None:
+    """Raises HardwareError; control would end and leave the reason in its log alone."""
+    device = load_device(joints)
+    if joints.kind == "can":
+        from hal.joints.factory import make_joints  # brings NumPy: not before the console's first paint
+
+        motors = Path(joints.motors) if joints.motors else None
+        make_joints(joints.kind, device, motors=motors, interface=joints.interface, channel=joints.channel)
 
 
 def _start_order(config: Config) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import cast
 
+import msgspec
 import pytest
 
 from app.audit.process import GIVE_UP_S
@@ -342,15 +343,32 @@ def test_a_session_that_runs_out_of_descriptors_leaves_none_open(tmp_path: Path,
     shutil.rmtree(setup.links.path)
 
 
-def test_a_device_that_can_not_be_read_is_named_before_anything_starts(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+GONE = "/gone.toml"
+UNUSABLE = [
+    JointsConfig(device=GONE),
+    JointsConfig(kind="can", interface="local", channel="43113", device=GONE),
+    JointsConfig(kind="can", interface="local", channel="43113", motors=GONE),
+]
+
+
+@pytest.mark.parametrize("joints", UNUSABLE)
+def test_joints_that_can_not_be_used_are_named_before_anything_starts(
+    tmp_path: Path, joints: JointsConfig, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    config = Config(joints=JointsConfig(device=str(tmp_path / "gone.toml")))
-    setup = make_setup(Home(tmp_path), config, DEMO_PATIENT, None)
-    monkeypatch.setattr(sys, "executable", "/gone")
-    with pytest.raises(HardwareError, match=r"gone\.toml"):
+    setup = msgspec.structs.replace(
+        make_setup(Home(tmp_path), Config(), DEMO_PATIENT, None), config=Config(joints=joints)
+    )
+    monkeypatch.setattr(sys, "executable", GONE)
+    with pytest.raises(HardwareError, match="gone"):
         launch(setup, "app.session.child:run_process", frozenset())
-    with pytest.raises(FileNotFoundError):  # a training needs no device
+    shutil.rmtree(setup.links.path)
+
+
+def test_what_starts_no_control_needs_no_device(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A training."""
+    setup = make_setup(Home(tmp_path), Config(joints=JointsConfig(device=GONE)), DEMO_PATIENT, None)
+    monkeypatch.setattr(sys, "executable", str(tmp_path / "gone"))
+    with pytest.raises(FileNotFoundError):
         launch(setup, "app.session.child:run_process", frozenset({"control"}))
     shutil.rmtree(setup.links.path)
 
