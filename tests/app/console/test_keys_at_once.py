@@ -71,15 +71,6 @@ async def test_a_ruler_and_a_camera_keep_apart_and_move_no_hand(console: Opener)
         assert open_console.host.hands == []
 
 
-async def test_what_follows_the_key_of_the_search_is_searched_for(console: Opener) -> None:
-    """As commands these letters would ask for a copy, and edit."""
-    async with console(profile=None) as open_console:
-        await open_console.shows("demo")
-        await open_console.until(lambda: isinstance(open_console.app.focused, DataTable))
-        give(open_console.app, "slash", *"de/")
-        await holds(open_console, {"search": "de/"})
-
-
 async def test_a_key_that_the_configuration_gives_to_tab_keeps_it_where_no_field_is(console: Opener) -> None:
     async with console(profile=None, config=Config(keys={"patients.new": "tab"})) as open_console:
         await open_console.shows("demo")
