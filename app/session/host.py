@@ -41,7 +41,7 @@ START_S = 30.0  # the session's process spawns the others, on a busy machine
 END_S = 28.0  # each process's patience, and the trail's on a usual disk; on a slower one audit ends by itself
 # The heartbeat says that STOP can be given. The terminal's input thread, which takes STOP, reports every 0.1 s.
 INPUT_TIMEOUT_S = 0.5
-UNTOLD_S = 3.0 / streams.SESSION.rate_hz  # the session's process may be frozen or gone: its word is checked then
+UNREPORTED_S = 3.0 / streams.SESSION.rate_hz  # the session's process may be frozen or gone: its word is checked then
 
 
 class SessionFault(Enum):
@@ -70,7 +70,7 @@ class SessionHost:
         self._without = without
         self._host: Peer | None = None
         self._processes: tuple[ProcessStatus, ...] = ()
-        self._told_s = 0.0  # when the session's process said so
+        self._reported_s = 0.0  # when the session's process said so
         call_with_scheduling("heartbeat", start_links)  # STOP and heartbeat leave through them
         self._operator = OrderedSender(address(setup.links, streams.OPERATOR.name))
         self._perception = OrderedSender(address(setup.links, streams.TO_PERCEPTION.name))
@@ -184,8 +184,8 @@ class SessionHost:
             processes = None if self._closed else self._streams.processes()
             now_s = time.monotonic()
             if processes is not None:
-                self._processes, self._told_s = processes, now_s
-            elif not self._closed and now_s - self._told_s > UNTOLD_S:
+                self._processes, self._reported_s = processes, now_s
+            elif not self._closed and now_s - self._reported_s > UNREPORTED_S:
                 self._processes = tuple(_with_liveness(one) for one in self._processes)
             return self._processes
 
