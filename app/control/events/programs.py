@@ -124,7 +124,7 @@ HELPERS = (
     ),
     Row(E.GUARDIAN_ACTED, F.DAMP, lambda d: d.programs.guardian_acted, P),
     Row(E.PLANNER_STARTING, F.REFUSE, lambda d: not d.planning.ready),
-    Row(E.PLANNER_TIMEOUT, F.REFUSE, lambda d: d.planning.timed_out, P),
+    Row(E.PLANNER_TIMEOUT, F.NOTE, lambda d: d.planning.timed_out),
     Row(E.NEXT_STEP_MISSING, F.PAUSE, lambda d: d.planning.next_step_missing),
     Row(E.PAUSE_TOO_LONG, F.HOLD, lambda d: d.planning.pause_too_long, P),
     Row(E.MESSAGE_REJECTED, F.NOTE, Above("rejected_messages", lambda d: d.programs.rejected_messages, 0), counts=True),

@@ -336,3 +336,18 @@ def test_a_refusal_is_shown_until_the_next_request_is_granted() -> None:
     rig.tick(3)
     assert now(rig).running is not None
     assert now(rig).refusal is None
+
+
+@pytest.mark.parametrize("source", Source)
+def test_an_action_whose_plan_came_too_late_is_refused_and_the_next_one_begins(source: Source) -> None:
+    rig = standing()
+    rig.planning = False
+    request(rig, A.STEP_RIGHT_FIRST, source)
+    rig.tick(260)
+    report = now(rig).reports[-1]
+    assert (report.outcome, report.reason) == (Outcome.REFUSED, reason(RequestRefusal.PLANNER_TIMEOUT))
+    assert now(rig).gait.state is GaitState.STANDING
+    rig.planning = True
+    request(rig, A.STEP_RIGHT_FIRST, source)
+    rig.tick(60)
+    assert now(rig).gait.running is A.STEP_RIGHT_FIRST
