@@ -49,7 +49,7 @@ SCHEDULING = MappingProxyType(
         "bus log": SchedPolicy(nice=5),  # its socket holds a second's frames: it can wait, perception can't
     }
 )
-_MCL_CURRENT, _MCL_FUTURE = 1, 2
+_MCL_CURRENT, _MCL_FUTURE, _MCL_ONFAULT = 1, 2, 4
 _PR_SET_TIMERSLACK = 29
 WAKE_LATENCY = Path("/dev/cpu_dma_latency")  # the kernel's PM QoS interface: an int32, the longest wake-up in µs
 _ISOLATED = Path("/sys/devices/system/cpu/isolated")
@@ -58,7 +58,13 @@ _AUTOGROUP = Path("/proc/self/autogroup")
 
 def acquire_real_time() -> RealTime:
     """Acquire what the system allows, and return what it was. Call before threads are started: they inherit it."""
-    return RealTime(fifo=_fifo(), memory_locked=_lock_memory(), cores_awake=request_low_wake_latency(), core=None)
+    fifo, locked = _fifo(), _lock_memory(_MCL_CURRENT | _MCL_FUTURE)
+    return RealTime(fifo=fifo, memory_locked=locked, cores_awake=request_low_wake_latency(), core=None)
+
+
+def keep_in_memory() -> bool:
+    """Keep what this process touches; whether that was allowed. What rests for long comes late, from the disk."""
+    return _lock_memory(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT)
 
 
 def set_scheduling(name: str) -> bool:
@@ -248,12 +254,12 @@ def _fifo() -> bool:
     return allowed
 
 
-def _lock_memory() -> bool:
+def _lock_memory(flags: int) -> bool:
     """Only without a limit: with one, MCL_FUTURE would make a later allocation fail instead of being late."""
     limit, _ = resource.getrlimit(resource.RLIMIT_MEMLOCK)
     if limit != resource.RLIM_INFINITY and os.geteuid() != 0:
         return False
-    return bool(ctypes.CDLL(None).mlockall(_MCL_CURRENT | _MCL_FUTURE) == 0)
+    return bool(ctypes.CDLL(None).mlockall(flags) == 0)
 
 
 def _isolated_cores() -> list[int]:

@@ -14,6 +14,7 @@ from app.ipc.streams import PLAN_REPLY, PLAN_REQUEST
 from app.motion.plan import Phase, Plan, PlanRequest, decode_table
 from app.motion.planner import run_planner
 from app.system.config import Config, SessionSetup
+from app.system.scheduling import keep_in_memory
 from profiles.schema import DEMO_PATIENT
 
 pytestmark = pytest.mark.serial
@@ -31,6 +32,11 @@ def setup_of(home: Path, host_pid: int) -> SessionSetup:
         operator="tester",
         host_pid=host_pid,
     )
+
+
+def locked_kb(process: int) -> int:
+    (line,) = [one for one in Path(f"/proc/{process}/status").read_text().splitlines() if one.startswith("VmLck")]
+    return int(line.split()[1])
 
 
 def test_requests_are_answered_in_order(tmp_path: Path) -> None:
@@ -51,6 +57,8 @@ def test_requests_are_answered_in_order(tmp_path: Path) -> None:
             )
             assert requests.send(request)
         answers = [replies.receive(LIMIT_S), replies.receive(LIMIT_S)]
+        assert planner.pid is not None
+        locked = locked_kb(planner.pid)
     finally:
         planner.kill()
         planner.join()
@@ -58,6 +66,9 @@ def test_requests_are_answered_in_order(tmp_path: Path) -> None:
         replies.close()
     plans = [answer for answer in answers if answer is not None]
     assert [plan.number for plan in plans] == [1, 2]
+    with multiprocessing.get_context("spawn").Pool(1) as another:
+        allowed = another.apply(keep_in_memory)
+    assert (locked > 0) == allowed, "what it has touched stays in memory"
     assert all(plan.check.ok and plan.to_state is GaitState.STANDING for plan in plans)
 
 
