@@ -8,7 +8,7 @@ from app.ipc.streams import PLAN_REPLY, PLAN_REQUEST
 from app.motion.plan import Patient, PlanRequest, encode_array, patient_of
 from app.motion.trajectory import RECIPES, plan
 from app.system.config import SessionSetup, load_device
-from app.system.scheduling import gc_freeze, keep_in_memory, set_scheduling
+from app.system.scheduling import gc_freeze, lock_touched_memory, set_scheduling
 
 WAIT_S = 0.2  # between checks that the console still runs
 
@@ -22,7 +22,7 @@ def run_planner(setup: SessionSetup) -> None:
     warm_up(patient)
     gc_freeze()
     set_scheduling("planner")
-    keep_in_memory()
+    lock_touched_memory()
     while not setup.orphaned:
         request = requests.receive(WAIT_S)
         if request is not None:

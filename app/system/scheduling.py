@@ -62,8 +62,8 @@ def acquire_real_time() -> RealTime:
     return RealTime(fifo=fifo, memory_locked=locked, cores_awake=request_low_wake_latency(), core=None)
 
 
-def keep_in_memory() -> bool:
-    """Keep what this process touches; whether that was allowed. What rests for long comes late, from the disk."""
+def lock_touched_memory() -> bool:
+    """Lock each page once it is touched; whether that was allowed. Idle pages may have to be read from the disk."""
     return _lock_memory(_MCL_CURRENT | _MCL_FUTURE | _MCL_ONFAULT)
 
 

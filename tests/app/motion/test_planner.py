@@ -14,7 +14,7 @@ from app.ipc.streams import PLAN_REPLY, PLAN_REQUEST
 from app.motion.plan import Phase, Plan, PlanRequest, decode_table
 from app.motion.planner import run_planner
 from app.system.config import Config, SessionSetup
-from app.system.scheduling import keep_in_memory
+from app.system.scheduling import lock_touched_memory
 from profiles.schema import DEMO_PATIENT
 
 pytestmark = pytest.mark.serial
@@ -67,8 +67,8 @@ def test_requests_are_answered_in_order(tmp_path: Path) -> None:
     plans = [answer for answer in answers if answer is not None]
     assert [plan.number for plan in plans] == [1, 2]
     with multiprocessing.get_context("spawn").Pool(1) as another:
-        allowed = another.apply(keep_in_memory)
-    assert (locked > 0) == allowed, "what it has touched stays in memory"
+        allowed = another.apply(lock_touched_memory)
+    assert (locked > 0) == allowed, "locked where another process may lock, too"
     assert all(plan.check.ok and plan.to_state is GaitState.STANDING for plan in plans)
 
 
